@@ -113,37 +113,71 @@ def rgcnn3d(
     *,
     pooling: Pooling = "max",
 ) -> RGCNN3D:
-    """The thesis's network for sequences of graphs, configured for a dataset (thesis 5.3.1); see `RGCNN3D`.
+    """Build the thesis's network for sequences of graphs, configured for a dataset (thesis, section 5.3.1).
 
-    - `name`: "dvs128-gesture", "ucf101-dvs" or "hmdb51-dvs"
-    - `temporal`: the 3D CNN: "plain", "inception" or "residual" (default)
-    - `num_classes`: replaces the dataset's number of classes (default None)
-    - `pooling`: "max" (default) or "average" of a cluster's features
+    Args:
+        name: "dvs128-gesture", "ucf101-dvs" or "hmdb51-dvs".
+        temporal: 3D CNN after the graph layers: "plain", "inception" or "residual" (default).
+        num_classes: Number of scores (default None: the dataset's number of classes).
+        pooling: "max" (default) or "average" of the features of a cluster.
 
-    ValueError for an unknown `name`, `temporal` or `pooling`.
+    Returns:
+        An `RGCNN3D` with random weights, in training mode.
+
+    Raises:
+        ValueError: For an unknown `name`, `temporal` or `pooling`.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.rgcnn3d("dvs128-gesture", "plain").classify.out_features
+        11
     """
     return RGCNN3D(temporal=temporal, **_configuration(CONFIGURATIONS_3D, name, num_classes), pooling=pooling)
 
 
 def rgcnn(name: str, num_classes: int | None = None, *, pooling: Pooling = "max") -> RGCNN:
-    """The thesis's residual graph CNN, configured for a dataset (thesis 4.4.2); see `RGCNN`.
+    """Build the thesis's residual graph CNN, configured for a dataset (thesis, section 4.4.2).
 
-    - `name`: "n-mnist", "mnist-dvs", "cifar10-dvs", "n-cars", "n-caltech101" or "asl-dvs"
-    - `num_classes`: replaces the dataset's number of classes, for other data of the same sensor (default None)
-    - `pooling`: "max" (default) or "average" of a cluster's features
+    Args:
+        name: "n-mnist", "mnist-dvs", "cifar10-dvs", "n-cars", "n-caltech101" or "asl-dvs".
+        num_classes: Number of scores, for other data of the same sensor (default None: the dataset's number of
+            classes).
+        pooling: "max" (default) or "average" of the features of a cluster.
 
-    ValueError for an unknown name or pooling.
+    Returns:
+        An `RGCNN` with random weights, in training mode.
+
+    Raises:
+        ValueError: For an unknown `name` or `pooling`.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.rgcnn("n-mnist", num_classes=5).classify.out_features
+        5
     """
     return RGCNN(**_configuration(CONFIGURATIONS, name, num_classes), pooling=pooling)
 
 
 def gcnn(name: str, num_classes: int | None = None, *, convolution: str = "spline", pooling: Pooling = "max") -> GCNN:
-    """The thesis's plain graph CNN, configured for a dataset; see `GCNN`.
+    """Build the thesis's plain graph CNN, configured for a dataset (thesis, section 4.4.2).
 
-    - `name`, `num_classes`, `pooling`: see `rgcnn`
-    - `convolution`: see `GCNN` (default "spline")
+    Args:
+        name: "n-mnist", "mnist-dvs", "cifar10-dvs", "n-cars", "n-caltech101" or "asl-dvs".
+        num_classes: Number of scores, for other data of the same sensor (default None: the dataset's number of
+            classes).
+        convolution: "spline" (default), "gcn", "cheb", "monet" or "gin"; see `GCNN`.
+        pooling: "max" (default) or "average" of the features of a cluster.
 
-    ValueError for an unknown name, convolution or pooling.
+    Returns:
+        A `GCNN` with random weights, in training mode.
+
+    Raises:
+        ValueError: For an unknown `name`, `convolution` or `pooling`.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.gcnn("n-mnist", convolution="gin").sensor_size
+        (34, 34)
     """
     return GCNN(**_configuration(CONFIGURATIONS, name, num_classes), convolution=convolution, pooling=pooling)
 

@@ -14,17 +14,17 @@ class Streams(nn.Module):
         self.streams = nn.ModuleList(streams)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, C, ...] to [B, sum of the streams' channels, ...]."""
+        """Return the concatenated outputs: [B, C, ...] to [B, sum of the streams' channels, ...]."""
         return torch.cat([stream(x) for stream in self.streams], 1)
 
 
 class Residual(nn.Module):
-    """relu(body(x) + shortcut(x)): He et al. 2016."""
+    """Residual block relu(body(x) + shortcut(x)) (He et al. 2016)."""
 
     def __init__(self, body: nn.Module, shortcut: nn.Module | None = None) -> None:
         super().__init__()
         self.body, self.shortcut = body, shortcut or nn.Identity()
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, in, ...] to [B, out, ...]."""
+        """Return the activated sum: [B, in, ...] to [B, out, ...]."""
         return torch.relu(self.body(x) + self.shortcut(x))

@@ -1,6 +1,6 @@
 """Trained networks in one safe file: weights, constructor arguments, classes, transform and metrics.
 
-The file has the safetensors format, whose reader runs no code; everything but the weights is JSON in its header.
+The file has the safetensors format, whose reader runs no code. Everything but the weights is JSON in its header.
 """
 
 from __future__ import annotations
@@ -43,20 +43,34 @@ def save(
     metrics: Mapping[str, Any] | None = None,
     data: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write a network with its classes, transform and metrics into one file; returns the path of the file.
+    """Write a network with its classes, transform and metrics into one file.
 
-    - `model`: a registered network (`register_network`), such as those of `nvsdata.models`
-    - `path`: of the file. A bare name ("asl", without folder or suffix) stands for a file in the model folder:
-      $NVSDATA_MODELS, or `models` in nvsdata's cache folder
-    - `classes`: names, in the order of the scores (default: none)
-    - `transform`: makes the network's input from a recording, stored as its repr (default None)
-    - `metrics`: such as the accuracy, stored as JSON (default None)
-    - `data`: what it was trained on, stored as JSON (default None)
+    The file contains only the name and the weights of a convolution of your own (see `RGCNN`). Pass the class to
+    `load`.
 
-    Of a convolution of your own (see `RGCNN`) the file has the name and the weights; `load` must be given it again.
+    Args:
+        model: A registered network (`register_network`), such as those of `nvsdata.models`.
+        path: Path of the file. A bare name ("asl", without folder or suffix) is a file in the model folder:
+            $NVSDATA_MODELS, or `models` in nvsdata's cache folder.
+        classes: Class names, in the order of the scores (default: none).
+        transform: Transform from a recording to the network's input, stored as its repr (default None).
+        metrics: Results such as the accuracy, stored as JSON (default None).
+        data: Description of the training data, stored as JSON (default None).
 
-    ValueError for a network that isn't registered or is fused, a transform that isn't registered or whose repr
-    doesn't build it, and a convolution without a name (a lambda).
+    Returns:
+        The path of the file.
+
+    Raises:
+        ValueError: For a network that isn't registered or is fused, a transform that isn't registered or that its repr
+            doesn't rebuild, and a convolution without a name (a lambda).
+
+    Example:
+        >>> import tempfile
+        >>> from nvsdata import models
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = models.save(models.rgcnn("n-mnist"), f"{folder}/digits.safetensors", metrics={"accuracy": 0.97})
+        ...     models.load(path).metrics
+        {'accuracy': 0.97}
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
@@ -87,15 +101,29 @@ def load(
 ) -> Trained:
     """Read a network that `save` wrote.
 
-    - `path`: of the file, or a bare name as for `save`
-    - `device`: where to put the network (default "cpu")
-    - `convolution`: the class or function of your own that the network was built with; the file has only its name,
-      since reading a file runs no code (default None)
+    Args:
+        path: Path of the file, or a bare name as for `save`.
+        device: Device of the network (default "cpu").
+        convolution: The class or function of your own that the network was built with. The file contains only its name,
+            because reading a file runs no code (default None).
 
-    Returns a `Trained`, in evaluation mode. FileNotFoundError if there is no such file. FormatError for a file that
-    is something else, truncated, altered or of another version, names a network or transform that isn't registered,
-    needs a `convolution` that isn't the one given, or has weights that don't fit the network. ValueError for a
-    `convolution` that the file doesn't need.
+    Returns:
+        A `Trained`, whose network is in evaluation mode.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        FormatError: For a file that isn't a saved network, that is truncated, altered or of another version, that names
+            a network or transform that isn't registered, that needs another `convolution`, or whose weights don't fit
+            the network.
+        ValueError: For a `convolution` that the file doesn't need.
+
+    Example:
+        >>> import tempfile
+        >>> from nvsdata import models
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = models.save(models.rgcnn("n-mnist", 2), f"{folder}/letters.safetensors", classes=["a", "b"])
+        ...     models.load(path).classes
+        ('a', 'b')
     """
     where = _place(path)
     if not where.is_file():
@@ -125,7 +153,7 @@ def load(
     except Exception as error:  # any error of a constructor, too
         raise FormatError(where, f"has a transform that can't be built: {line_of(error)}") from None
     if transform is not None and repr(transform) != header.transform:
-        raise FormatError(where, f"its transform lacks settings that this version has: {header.transform:.300}")
+        raise FormatError(where, f"its transform is without settings that this version has: {header.transform:.300}")
     if transform is not None and not callable(transform):
         raise FormatError(where, f"doesn't contain a transform, but {header.transform!r:.200}")
     model = model.to_empty(device=device)
@@ -135,7 +163,7 @@ def load(
 
 @dataclass(frozen=True)
 class _Header:
-    """The JSON header of a file; the defaults define the types."""
+    """JSON header of a file; the defaults define the types."""
 
     version: int = VERSION
     network: str = ""
@@ -147,7 +175,7 @@ class _Header:
 
 
 def _header(where: Path, text: str) -> _Header:
-    """The header; FormatError if an entry is missing or has another type."""
+    """Return the header. FormatError if an entry is missing or has another type."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -174,7 +202,7 @@ def _header(where: Path, text: str) -> _Header:
 
 
 def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tensor]) -> nn.Module:
-    """The network, without memory for its weights yet; ValueError unless `state` fits it."""
+    """Return the network, without memory for its weights yet. ValueError unless `state` fits it."""
     room, here = len(state), get_ident()
 
     def count(*_: Any) -> None:
@@ -194,7 +222,7 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
 
 
 def _without_classes(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as JSON: a convolution of the user's own by its name, {"name": "module:class"}."""
+    """Return settings as JSON, with a convolution of the user's own by its name, {"name": "module:class"}."""
     given = settings.get("convolution")
     if not callable(given):
         return dict(settings)
@@ -205,7 +233,10 @@ def _without_classes(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_convolution(where: Path, settings: dict[str, Any], given: Any) -> dict[str, Any]:
-    """The settings with the convolution that the file names; the module isn't compared, as scripts are __main__."""
+    """Return the settings with the convolution that the file names.
+
+    The module isn't compared, because that of scripts is __main__.
+    """
     saved = settings.get("convolution")
     if not (isinstance(saved, dict) and isinstance(saved.get("name"), str)):
         if given is not None:
@@ -234,7 +265,7 @@ def _place(path: str | os.PathLike[str]) -> Path:
 
 
 def _home() -> Path:
-    """The folder of networks given by a bare name."""
+    """Return the folder of networks given by a bare name."""
     if chosen := os.environ.get("NVSDATA_MODELS"):
         return Path(chosen)
     # imported here because it takes a quarter of a second
@@ -263,7 +294,7 @@ def _same_kinds(a: Any, b: Any) -> bool:
 
 
 def _digest(text: str, state: Mapping[str, torch.Tensor]) -> str:
-    """SHA-256 of the header and all weights."""
+    """Return the SHA-256 digest of the header and all weights."""
     digest = hashlib.sha256(text.encode())
     for name in sorted(state):
         value = state[name]

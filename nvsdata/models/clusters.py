@@ -1,6 +1,6 @@
 """Clusters of nodes, and the maximum or mean of their features: by our kernels on the CPU, by torch elsewhere.
 
-While torch looks on without values, `GraphPool` calls operators that it knows: see `spline_sum`.
+While torch traces without values, `GraphPool` calls registered operators; see `spline_sum`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Size = tuple[int, int]
 
 
 class Structure(NamedTuple):
-    """The pooled graphs without their features."""
+    """Pooled graphs without their features."""
 
     cluster: torch.Tensor  # cluster of each node, int64 [N]
     pos: torch.Tensor

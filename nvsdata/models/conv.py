@@ -17,7 +17,7 @@ from nvsdata.models.spline_sum import occurrences
 
 
 class GCNConv(nn.Module):
-    """D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts incoming edges, including the self-loop."""
+    """Graph convolution D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts edges with self-loops."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__()
@@ -25,7 +25,7 @@ class GCNConv(nn.Module):
         self.bias = nn.Parameter(torch.zeros(out_channels))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution, [N, out_channels]."""
+        """Return features after the convolution, [N, out_channels]."""
         source, target = edge_index
         scale = (_degree(target, x) + 1).rsqrt().unsqueeze(1)
         scaled = self.linear(x) * scale
@@ -35,7 +35,7 @@ class GCNConv(nn.Module):
 class ChebConv(nn.Module):
     """Chebyshev polynomials up to degree K - 1 of the normalized Laplacian (Defferrard et al. 2016).
 
-    With lambda_max = 2 the scaled Laplacian is -D^-1/2 A D^-1/2; D counts outgoing edges.
+    With lambda_max = 2 the scaled Laplacian is -D^-1/2 A D^-1/2; D counts outgoing edges. `size` is K (default 3).
     """
 
     def __init__(self, in_channels: int, out_channels: int, size: int = 3) -> None:
@@ -45,7 +45,7 @@ class ChebConv(nn.Module):
         self.bias = nn.Parameter(torch.zeros(out_channels))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution, [N, out_channels]."""
+        """Return features after the convolution, [N, out_channels]."""
         source, target = edge_index
         degree = _degree(source, x)
         scale = torch.where(degree > 0, degree.clamp(min=1).rsqrt(), 0).unsqueeze(1)
@@ -65,7 +65,7 @@ class ChebConv(nn.Module):
 
 
 class GMMConv(nn.Module):
-    """MoNet (Monti et al. 2017): mean over neighbors weighted by K Gaussians of the pseudo-coordinates; root weight."""
+    """MoNet (Monti et al. 2017): mean over neighbors, weighted by Gaussians of pseudo-coordinates; root weight."""
 
     def __init__(self, in_channels: int, out_channels: int, kernels: int = 25, dim: int = 2) -> None:
         super().__init__()
@@ -76,7 +76,7 @@ class GMMConv(nn.Module):
         self.deviation = nn.Parameter(torch.full((kernels, dim), 0.5))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution, [N, out_channels]."""
+        """Return features after the convolution, [N, out_channels]."""
         source, target = edge_index
         apart = (u.unsqueeze(1) - self.mean) / (self.deviation**2 + 1e-15).sqrt()
         weights = torch.exp(-0.5 * (apart * apart).sum(2))
@@ -91,7 +91,10 @@ class GMMConv(nn.Module):
 
 
 class GINConv(nn.Module):
-    """MLP((1 + eps) x + sum of neighbors) (Xu et al. 2019); one hidden layer; eps is learned, starting at 0."""
+    """Graph isomorphism layer MLP((1 + eps) x + sum of neighbors) (Xu et al. 2019).
+
+    The MLP has one hidden layer. eps is learned and starts at 0.
+    """
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__()
@@ -99,7 +102,7 @@ class GINConv(nn.Module):
         self.eps = nn.Parameter(torch.zeros(()))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution, [N, out_channels]."""
+        """Return features after the convolution, [N, out_channels]."""
         source, target = edge_index
         out: torch.Tensor = self.mlp(_gather(x, source, target, (1 + self.eps) * x))
         return out
@@ -116,10 +119,10 @@ CONVOLUTIONS: dict[str, Callable[[int, int, int, int], nn.Module]] = {
 
 
 def _degree(ends: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Number of edges at each node, [N] in the type of `x`; `ends` are the sources or the targets of all edges."""
+    """Return the number of edges at each node, [N] in the type of `x`; `ends` are sources or targets."""
     return occurrences(ends, x.shape[0]).to(x.dtype)
 
 
 def _gather(x: torch.Tensor, source: torch.Tensor, target: torch.Tensor, start: torch.Tensor) -> torch.Tensor:
-    """`start` plus, for each node, the sum of `x` at the sources of its edges."""
+    """Return `start` plus, for each node, the sum of `x` at the sources of its edges."""
     return start.index_add(0, target, x[source])

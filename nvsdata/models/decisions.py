@@ -1,4 +1,4 @@
-"""Decisions of a trained network about a stream of events."""
+"""Classification of a stream of events by a trained network."""
 
 from __future__ import annotations
 
@@ -18,25 +18,36 @@ from nvsdata.transforms.graphs.features import NodeFeatures
 
 
 class OnlineClassifier:
-    """A trained network that follows events, in the window, on the graph and with the sampler of its training.
+    """Trained network that classifies a stream of events, with the window, graph and sampler of its training.
 
-    - `trained`: what `models.load` gives
-    - `window`: µs that the network sees (default: as it was trained)
+    Args:
+        trained: A trained network, as `models.load` returns it.
+        window: Length of the window in µs (default None: as in training).
 
-    ValueError for a network, or a transform of it, that can't stream (see `models.stream`), and for a network that was
-    saved without its transform.
+    Raises:
+        ValueError: For a network or transform that can't stream (see `models.stream`), and for a network that was saved
+            without its transform.
+
+    Example:
+        >>> from nvsdata import Events, models, transforms as T
+        >>> pipeline = T.Compose([T.RandomWindow(30_000), T.RadiusGraph()])
+        >>> trained = models.Trained(models.rgcnn("n-mnist").eval(), (), pipeline, {}, {})
+        >>> classifier = models.OnlineClassifier(trained)
+        >>> classifier.feed(Events([0, 900], [3, 4], [5, 5], [1, 0], (34, 34)))
+        >>> classifier.decide(900)["events"]
+        2
     """
 
     def __init__(self, trained: Trained, window: int | None = None) -> None:
         if trained.transform is None:
-            raise ValueError("the network was saved without its transform, so nobody knows what graphs it takes")
+            raise ValueError("the network was saved without its transform: save it by models.save(..., transform=...)")
         self.stream = stream(trained.model, **_how(trained.transform, window))
         self.classes = trained.classes
         self.sensor_size: tuple[int, int] = trained.model.sensor_size  # type: ignore[assignment]
         self._work = 0.0
 
     def prepare(self) -> None:
-        """Decide on made-up events, so that what torch loads at its first use doesn't delay a real decision."""
+        """Classify artificial events, so that torch's loading at first use doesn't delay a real decision."""
         many = np.arange(100)
         for start, count in ((0, 100), (100, 1), (101, 1), (102, 1)):
             same = np.zeros(count, int)
@@ -45,21 +56,28 @@ class OnlineClassifier:
         self.stream.reset()
 
     def feed(self, events: Events) -> None:
-        """Take events, none of them before one that was fed."""
+        """Add events. Their times must not precede those of events that were fed before."""
         began = time.perf_counter()
         self.stream.feed(events)
         self._work += time.perf_counter() - began
 
     def decide(self, now: int) -> dict[str, Any]:
-        """The decision: `time` (µs, as given), `class`, `probability`, `events` in the window, `work` (µs of computing
-        since the last decision).
+        """Return the decision about the events in the window.
 
-        ValueError for scores that are NaN.
+        Args:
+            now: Time of the decision in µs, returned as it is.
+
+        Returns:
+            A dictionary with `time` (µs), `class` (name, or number as a string without names), `probability`, `events`
+            (number of events in the window) and `work` (µs of computation since the last decision).
+
+        Raises:
+            ValueError: If the scores are NaN.
         """
         began = time.perf_counter()
         scores = self.stream.scores().softmax(0)
         if scores.isnan().any():
-            raise ValueError("the network gives NaN")
+            raise ValueError("the network's scores are NaN")
         best = int(scores.argmax())
         found: dict[str, Any] = {"time": now, "class": self.classes[best] if self.classes else str(best)}
         found |= {"probability": round(float(scores[best]), 4), "events": len(self.stream)}

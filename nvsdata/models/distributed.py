@@ -1,6 +1,6 @@
-"""Functions and layers that make several processes train a model like a single process.
+"""Functions and layers for training by several processes, with the results of a single process.
 
-With torch.distributed, each process has a share of every batch, in order of rank. This matters only to layers with
+With torch.distributed, each process has a part of every batch, in order of rank. This matters only to layers with
 statistics over a batch, and to dropout. Without torch.distributed, these functions change nothing.
 """
 
@@ -13,7 +13,7 @@ from torch import distributed, nn
 
 
 def processes() -> int:
-    """Number of processes that train together; 1 without torch.distributed."""
+    """Return the number of processes that train together; 1 without torch.distributed."""
     return distributed.get_world_size() if distributed.is_available() and distributed.is_initialized() else 1
 
 
@@ -33,12 +33,12 @@ class _Total(torch.autograd.Function):
 
 
 def all_reduce_sum(x: torch.Tensor) -> torch.Tensor:
-    """Sum of `x` over all processes; differentiable."""
+    """Return the sum of `x` over all processes; differentiable."""
     return _Total.apply(x) if processes() > 1 else x  # type: ignore[no-untyped-call]
 
 
 class Dropout(nn.Module):
-    """Dropout whose mask is drawn for the whole batch and cut to the share of this process.
+    """Dropout whose mask is sampled for the entire batch and cut to the part of this process.
 
     The generators of all processes must have the same seed.
     """
@@ -48,7 +48,7 @@ class Dropout(nn.Module):
         self.p = p
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """`x` [B, ...] with elements set to 0 with probability `p` and the others divided by 1 - p."""
+        """Set elements of `x` [B, ...] to 0 with probability `p`, and divide the others by 1 - p."""
         if not self.training or self.p == 0:
             return x
         count, before = x.shape[0], 0

@@ -1,4 +1,4 @@
-"""Tensors of events by a learnt kernel (EST)."""
+"""Learned event tensors (EST)."""
 
 from __future__ import annotations
 
@@ -24,17 +24,28 @@ LOOKUP = 4096
 class EST(nn.Module):
     """Event spike tensor: each event adds t* f(t* - c / (C - 1)) to channel c of its pixel (Gehrig et al. 2019, eq. 9).
 
-    t* goes from 0 at a sample's first event to 1 at its last. The kernel f is a small network of one input, with leaky
-    ReLUs between its layers, and begins as the trilinear kernel, max(0, 1 - (C - 1) |u|), exactly. Because f is
-    piecewise linear, it's evaluated at two places of each of its pieces only, which gives the same result and the same
-    gradients as evaluating it for every event.
+    t* is 0 at a sample's first event and 1 at its last. The kernel f is a small network with one input and leaky ReLUs
+    between its layers. It is initialized as exactly the trilinear kernel, max(0, 1 - (C - 1) |u|). Because f is
+    piecewise linear, it is evaluated at two positions of each piece only. The result and the gradients are the same as
+    with an evaluation for every event. There is no gradient with respect to times.
 
-    - `bins`: C, number of channels per polarity (default 9)
-    - `hidden`: units of the hidden layers, each at least 6 (default (30, 30), as in the authors' experiments)
+    The network takes an `EventBatch` (`nvsdata.collate(samples, events="columns")`) of B samples of one sensor size. It
+    returns float32 [B, 2 C, H, W], OFF before ON.
 
-    Takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size; gives float32
-    [B, 2 C, H, W], OFF first. ValueError for settings out of range, for samples of several sensor sizes, and for events
-    outside theirs. There is no gradient with respect to times.
+    Args:
+        bins: C, number of channels per polarity (default 9).
+        hidden: Units of the hidden layers, each at least 6 (default (30, 30), as in the authors' experiments).
+
+    Raises:
+        ValueError: For settings out of range, samples of several sensor sizes, and events outside their sensor.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import models
+        >>> samples = [(nvsdata.Events([0, 9], [1, 2], [0, 1], [1, 0], (4, 3)), 0)]
+        >>> batch, _ = nvsdata.collate(samples, events="columns")
+        >>> models.EST(bins=5)(batch).shape
+        torch.Size([1, 10, 3, 4])
     """
 
     def __init__(self, bins: int = 9, hidden: Sequence[int] = (30, 30)) -> None:
@@ -47,12 +58,12 @@ class EST(nn.Module):
         self.reset_parameters()
 
     def extra_repr(self) -> str:
-        """Settings for repr()."""
+        """Return the settings for repr()."""
         return f"bins={self.bins}"
 
     @torch.no_grad()
     def reset_parameters(self) -> None:
-        """Draw the weights, six units of each layer excepted, which make the trilinear kernel."""
+        """Sample the weights at random, except for six units of each layer, which form the trilinear kernel."""
         width = 1 / max(self.bins - 1, 1)
         first, *inner, last = (layer for layer in self.layers if isinstance(layer, nn.Linear))
         for layer in (first, *inner, last):
@@ -74,7 +85,7 @@ class EST(nn.Module):
         return [(layer.weight, layer.bias) for layer in self.layers if isinstance(layer, nn.Linear)]
 
     def kernel(self, u: torch.Tensor) -> torch.Tensor:
-        """f at any places, [...]."""
+        """Return the values of f at positions [...]."""
         found = u[..., None]
         for number, (weight, bias) in enumerate(self._weights):
             found = F.linear(found, weight.to(u.dtype), bias.to(u.dtype))
@@ -82,7 +93,7 @@ class EST(nn.Module):
         return found[..., 0]
 
     def forward(self, events: EventBatch) -> torch.Tensor:
-        """float32 [B, 2 C, H, W]."""
+        """Return the tensors of a batch, float32 [B, 2 C, H, W]."""
         columns, rows = events.sensor_size
         edges = self._edges()
         left, width = edges[:-1], np.diff(edges)

@@ -1,4 +1,4 @@
-"""Graph networks for inference: normalization and shortcuts folded into the convolutions."""
+"""Graph networks for inference: normalization and shortcuts are folded into the convolutions."""
 
 from __future__ import annotations
 
@@ -19,14 +19,23 @@ Network = TypeVar("Network", bound=nn.Module)
 
 @torch.no_grad()
 def fused(model: Network) -> Network:
-    """A copy of a trained network for inference, with the same outputs up to rounding and less computation.
-
-    - `model`: a network with `ConvBlock` or `ResidualBlock`, such as `RGCNN`; it stays as it is
+    """Return a copy of a trained network for inference, with the same outputs up to rounding and less computation.
 
     Each block of B-spline convolutions becomes a single convolution, normalized by the running statistics. The hat
-    functions of a kernel add up to 1 everywhere, so a shortcut of kernel size 1 is a matrix added to that of each
-    cell. Blocks of other convolutions and 3D CNNs stay as
-    they are. The copy can be neither trained nor saved.
+    functions of a kernel add up to 1 everywhere, so a shortcut of kernel size 1 is a matrix that is added to the
+    weights of each cell. Blocks of other convolutions and 3D CNNs are copied unchanged.
+
+    Args:
+        model: Network with `ConvBlock` or `ResidualBlock`, such as `RGCNN`. It isn't changed.
+
+    Returns:
+        The copy, in evaluation mode. It can be neither trained nor saved.
+
+    Example:
+        >>> from nvsdata import models
+        >>> model = models.rgcnn("n-mnist").eval()
+        >>> sum(p.numel() for p in models.fused(model).parameters()) < sum(p.numel() for p in model.parameters())
+        True
     """
     model = deepcopy(model)
     for parent in list(model.modules()):

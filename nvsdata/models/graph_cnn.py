@@ -1,8 +1,8 @@
-"""Graph CNNs for objects, plain and residual (thesis 4.2.5 and 4.4.2).
+"""Graph CNNs for objects, plain and residual (thesis, sections 4.2.5 and 4.4.2).
 
-A node is one of its own neighbors (its distance, 0, is within the radius of eq. 4.2) and also has a root weight:
-event graphs have many isolated nodes, which would contribute nothing otherwise, and the node's share of the mean
-shows how dense its neighborhood is.
+A node is one of its own neighbors (its distance, 0, is within the radius of eq. 4.2) and also has a root weight.
+Event graphs have many isolated nodes, which would contribute nothing otherwise. The fraction of the mean that the node
+itself contributes shows how dense its neighborhood is.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Kernel:
     root_weight: bool = True
 
     def layer(self, in_channels: int, out_channels: int) -> nn.Module:
-        """A convolution. ValueError if `convolution` stands for none."""
+        """Return a convolution. ValueError for an unknown `convolution`."""
         made = self.convolution
         if made == "spline":
             return self.spline(in_channels, out_channels, self.size)
@@ -52,15 +52,15 @@ class Kernel:
             raise ValueError(f"convolution must be one of {names}, or a class of your own, not {made!r}")
         layer = made(in_channels, out_channels)
         if not isinstance(layer, nn.Module):
-            raise ValueError(f"convolution must give a torch.nn.Module, not {layer!r:.100}")
+            raise ValueError(f"convolution must return a torch.nn.Module, not {layer!r:.100}")
         return layer
 
     def spline(self, in_channels: int, out_channels: int, size: int) -> SplineConv:
-        """A B-spline convolution of another kernel size."""
+        """Return a B-spline convolution of another kernel size."""
         return SplineConv(in_channels, out_channels, kernel_size=size, dim=self.dim, root_weight=self.root_weight)
 
     def edges(self, batch: GraphBatch, convolution: nn.Module) -> tuple[torch.Tensor, torch.Tensor]:
-        """The edges, and pseudo-coordinates, that a convolution gets: others than B-splines handle nodes themselves."""
+        """Return the edges and pseudo-coordinates for a convolution, with self-loops for B-splines only."""
         if self.loops and isinstance(convolution, SplineConv):
             return add_self_loops(batch)
         return batch.edge_index, batch.edge_attr
@@ -79,15 +79,15 @@ class ConvBlock(nn.Module):
         self.norm = BatchNorm(out_channels)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
-        """The same graphs with `x` [N, out_channels]."""
+        """Return the same graphs with `x` [N, out_channels]."""
         return replace(batch, x=self.norm(self.conv(batch.x, *self.kernel.edges(batch, self.conv))))
 
 
 class ResidualBlock(nn.Module):
-    """Res_g (thesis 4.2.5), without the activation that follows.
+    """Residual block of a graph CNN (Res_g, thesis, section 4.2.5), without the activation that follows.
 
-    The sum of a convolution and a shortcut of kernel size 1, each normalized; `shortcut_start` is the scale that the
-    shortcut's normalization starts with.
+    The output is the sum of a convolution and a shortcut of kernel size 1, each normalized. `shortcut_start` is the
+    initial scale of the shortcut's normalization.
     """
 
     def __init__(self, in_channels: int, out_channels: int, kernel: Kernel, shortcut_start: float = 0.0) -> None:
@@ -100,7 +100,7 @@ class ResidualBlock(nn.Module):
         nn.init.constant_(self.shortcut_norm.weight, shortcut_start)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
-        """The same graphs with `x` [N, out_channels]."""
+        """Return the same graphs with `x` [N, out_channels]."""
         edges = self.kernel.edges(batch, self.shortcut)
         own = edges if isinstance(self.conv, SplineConv) else self.kernel.edges(batch, self.conv)
         x = self.norm(self.conv(batch.x, *own)).add_(self.shortcut_norm(self.shortcut(batch.x, *edges)))
@@ -111,27 +111,28 @@ class Activation(nn.Module):
     """ReLU on the features of a batch."""
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
-        """The same graphs with negative values in `x` set to 0."""
+        """Return the same graphs with negative values in `x` set to 0."""
         return replace(batch, x=torch.relu(batch.x))
 
 
 def activated_pool(cluster: Size, sensor_size: Size, pooling: Pooling) -> list[nn.Module]:
-    """The activation of a block and the pooling after it (eqs. 4.6, 4.9), as two layers.
+    """Return the activation of a block and the pooling after it (eqs. 4.6, 4.9), as two layers.
 
-    Maximum and ReLU can be swapped, and there are fewer nodes after pooling; of an average the order matters.
+    Maximum and ReLU can be swapped, and ReLU after pooling has fewer nodes to compute. The order matters for an
+    average.
     """
     pool, activation = GraphPool(cluster, sensor_size, pooling), Activation()
     return [pool, activation] if pooling == "max" else [activation, pool]
 
 
 def check_pairs(channels: Sequence[int], clusters: Sequence[Size | None]) -> None:
-    """ValueError unless there is one cluster for each number of channels, and at least one."""
+    """Raise ValueError unless there is one cluster for each number of channels, and at least one."""
     if len(channels) != len(clusters) or not channels:
         raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
 
 
 def input_of(network: Any, graphs: Graph | Data) -> GraphBatch:
-    """Graphs as a batch, with features of the network's precision.
+    """Return graphs as a batch, with features of the network's precision.
 
     ValueError for graphs of a larger sensor than the network's, or of other numbers of features or dimensions.
     """
@@ -150,7 +151,7 @@ def input_of(network: Any, graphs: Graph | Data) -> GraphBatch:
 
 
 class _GraphCNN(nn.Module):
-    """Conv -> MaxP -> (block -> MaxP) x L -> FC -> FC."""
+    """Sequence of layers Conv -> MaxP -> (block -> MaxP) x L -> FC -> FC."""
 
     residual: bool
 
@@ -183,7 +184,7 @@ class _GraphCNN(nn.Module):
                 layers.append(ResidualBlock(previous, width, kernel, shortcut_start))
             else:
                 layers.append(ConvBlock(previous, width, kernel))
-            # nodes that are those clusters already would be joined with none
+            # nodes are these clusters already, so pooling would merge none
             if cluster is None or (depth > 0 and cluster == clusters[depth - 1]):
                 layers.append(Activation())
             else:
@@ -199,9 +200,10 @@ class _GraphCNN(nn.Module):
         self.classify = nn.Linear(hidden, num_classes)
 
     def forward(self, graphs: Graph | Data) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes] of a batch of graphs, or of one graph (B = 1).
+        """Return class scores (logits) [B, num_classes] of a batch of graphs, or of one graph (B = 1).
 
-        ValueError for graphs of a larger sensor, or with another number of features; TypeError for no graphs.
+        ValueError for graphs of a larger sensor, or with another number of features; TypeError for other inputs than
+        graphs.
         """
         batch = self.features(input_of(self, graphs))
         # one weight per cell and channel (eq. 4.10); a cell without a node adds nothing
@@ -215,32 +217,44 @@ class _GraphCNN(nn.Module):
 
 @register_network("rgcnn")
 class RGCNN(_GraphCNN):
-    """Residual graph CNN (thesis 4.2.5): Conv -> MaxP -> (Res_g -> MaxP) x L -> FC(hidden) -> FC(num_classes).
+    """Residual graph CNN (thesis, section 4.2.5): Conv -> MaxP -> (Res_g -> MaxP) x L -> FC(hidden) -> FC(num_classes).
 
-    - `num_classes`: number of scores
-    - `sensor_size`: (width, height) in pixels (default 34, 34)
-    - `channels`: output channels of each of the L + 1 blocks (default 32, 64, 128)
-    - `clusters`: (width, height) in pixels of the clusters of each of the L + 1 poolings (default (2, 2), (4, 4),
-      (7, 7)); None, or the same clusters as of the block before, stands for a block without pooling, the last one aside
-    - `hidden`: width of the hidden fully connected layer (default 128)
-    - `kernel_size`: of the B-spline kernels, along each axis (default 5)
-    - `in_channels`: features per node (default 1)
-    - `dim`: pseudo-coordinates per edge, 2 (default), or 3 with time
-    - `dropout`: probability before the last layer (default 0.5)
-    - `convolution`: "spline" (default); "gcn", "cheb", "monet" or "gin" for comparison (thesis Table 4.8, of `GCNN`);
-      or your own: a class, or a function, of (in_channels, out_channels) that gives a module. Its
-      `forward(x, edge_index, edge_attr)` takes [N, in_channels], int64 [2, E] (source, target) without self-loops and
-      pseudo-coordinates [E, dim], and gives [N, out_channels]. Shortcuts of residual blocks are B-splines always
-    - `pooling`: "max" (default; MaxP, as in all of the thesis's networks) or "average" (AvgP) of a cluster's features
-      (eq. 4.9)
-    - `loops`: whether a node is one of its own neighbors in B-spline convolutions (default True)
-    - `root_weight`: whether B-spline convolutions add a node's own features by a matrix of their own (default True)
-    - `shortcut_start`: scale that a shortcut's normalization starts with (default 0.0: the network starts as the plain
-      one and learns to use its shortcuts)
+    The network takes a `Graph` or `GraphBatch`, or PyTorch Geometric's `Data` or `Batch` (see `Graph.from_pyg`), with
+    `x` [N, in_channels]. It returns class scores (logits) [B, num_classes].
 
-    Takes a `Graph` or `GraphBatch`, or PyTorch Geometric's `Data` or `Batch` (see `Graph.from_pyg`), with `x`
-    [N, in_channels]; gives class scores (logits) [B, num_classes].
-    ValueError for settings that don't fit together, graphs of a larger sensor, or another number of features.
+    Args:
+        num_classes: Number of scores.
+        sensor_size: (width, height) in pixels (default (34, 34)).
+        channels: Output channels of each of the L + 1 blocks (default (32, 64, 128)).
+        clusters: (width, height) in pixels of the clusters of each of the L + 1 poolings (default (2, 2), (4, 4),
+            (7, 7)). A block isn't pooled if its entry is None or equals that of the block before. The last entry can't
+            be None.
+        hidden: Width of the hidden fully connected layer (default 128).
+        kernel_size: Cells of the B-spline kernels along each axis (default 5).
+        in_channels: Features per node (default 1).
+        dim: Pseudo-coordinates per edge: 2 (default), or 3 with time.
+        dropout: Probability of dropout before the last layer (default 0.5).
+        convolution: "spline" (default); "gcn", "cheb", "monet" or "gin" for comparison (thesis, Table 4.8, with
+            `GCNN`); or a class or function of your own that takes (in_channels, out_channels) and returns a module. The
+            module's `forward(x, edge_index, edge_attr)` takes [N, in_channels], int64 [2, E] (source, target) without
+            self-loops and pseudo-coordinates [E, dim], and returns [N, out_channels]. Shortcuts of residual blocks are
+            always B-splines.
+        pooling: "max" (default; MaxP, as in all networks of the thesis) or "average" (AvgP) of the features of a
+            cluster (eq. 4.9).
+        loops: True (default) if a node is one of its own neighbors in B-spline convolutions.
+        root_weight: True (default) if B-spline convolutions add a node's own features, multiplied by a separate matrix.
+        shortcut_start: Initial scale of a shortcut's normalization (default 0.0: the network starts as the plain one
+            and learns to use its shortcuts).
+
+    Raises:
+        ValueError: For settings that don't fit together, graphs of a larger sensor, or another number of features.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import models, transforms as T
+        >>> graph = T.RadiusGraph()(nvsdata.Events([0, 9], [1, 2], [0, 1], [1, 0], (34, 34)))
+        >>> models.RGCNN(10).eval()(graph).shape
+        torch.Size([1, 10])
     """
 
     residual = True
@@ -248,9 +262,17 @@ class RGCNN(_GraphCNN):
 
 @register_network("gcnn")
 class GCNN(_GraphCNN):
-    """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block.
+    """Plain graph CNN (thesis, section 4.4.2): Conv -> MaxP -> (Conv -> MaxP) x L -> FC(hidden) -> FC(num_classes).
 
-    - parameters, input, output and errors: those of `RGCNN`
+    The plain counterpart of `RGCNN` has a convolution with ReLU in place of each residual block. Arguments, input,
+    output and errors are those of `RGCNN`; `shortcut_start` has no effect.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import models, transforms as T
+        >>> graph = T.RadiusGraph()(nvsdata.Events([0, 9], [1, 2], [0, 1], [1, 0], (34, 34)))
+        >>> models.GCNN(10, convolution="gcn").eval()(graph).shape
+        torch.Size([1, 10])
     """
 
     residual = False

@@ -1,4 +1,4 @@
-"""Residual graph CNNs on sequences of graphs, with a 3D CNN on their grids (thesis 5.2 and 5.3.1)."""
+"""Residual graph CNNs on sequences of graphs, with a 3D CNN on their grids (thesis, sections 5.2 and 5.3.1)."""
 
 from __future__ import annotations
 
@@ -20,24 +20,35 @@ if TYPE_CHECKING:
 
 @register_network("rgcnn3d")
 class RGCNN3D(nn.Module):
-    """(Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> global average -> FC(num_classes).
+    """Graph CNN and 3D CNN: (Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> mean -> FC(num_classes).
 
-    The network of thesis 5.2 and 5.3.1. The defaults are those for 240x180.
+    The network of thesis, sections 5.2 and 5.3.1, takes a `GraphBatch` with `volumes` = S, as `collate` makes from
+    sequences of S graphs, and `x` [N, in_channels], or PyTorch Geometric's `Batch` with `volumes`. It returns class
+    scores (logits) [B, num_classes]. The defaults are those for 240x180.
 
-    - `num_classes`: number of scores
-    - `temporal`: the 3D CNN of section 5.3.1: "plain", "inception" or "residual" (default)
-    - `sensor_size`: (width, height) in pixels (default 240, 180)
-    - `channels`: output channels of each of the L blocks (default 32, 64, 128)
-    - `clusters`: (width, height) in pixels of the clusters of each of the L poolings (default (2, 2), (4, 3), (8, 6));
-      the last one is also the cell of the grid
-    - `kernel_size`: of the B-spline kernels, along each axis (default 5)
-    - `in_channels`: features per node (default 1)
-    - `dim`: pseudo-coordinates per edge, 2 (default), or 3 with time
-    - `pooling`: of a cluster's features, "max" (default) or "average" (eq. 4.9)
+    Args:
+        num_classes: Number of scores.
+        temporal: 3D CNN of section 5.3.1: "plain", "inception" or "residual" (default).
+        sensor_size: (width, height) in pixels (default (240, 180)).
+        channels: Output channels of each of the L blocks (default (32, 64, 128)).
+        clusters: (width, height) in pixels of the clusters of each of the L poolings (default (2, 2), (4, 3), (8, 6)).
+            The last one is also the cell of the grid.
+        kernel_size: Cells of the B-spline kernels along each axis (default 5).
+        in_channels: Features per node (default 1).
+        dim: Pseudo-coordinates per edge: 2 (default), or 3 with time.
+        pooling: "max" (default) or "average" of the features of a cluster (eq. 4.9).
 
-    Takes a `GraphBatch` with `volumes` = S, as `collate` makes from sequences of S graphs, and `x` [N, in_channels],
-    or PyTorch Geometric's `Batch` with `volumes`; gives class scores (logits) [B, num_classes]. ValueError for settings
-    that don't fit together, graphs of a larger sensor, or another number of features.
+    Raises:
+        ValueError: For settings that don't fit together, graphs of a larger sensor, or another number of features.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import models, transforms as T
+        >>> graph = T.RadiusGraph()(nvsdata.Events([0, 9], [1, 2], [0, 1], [1, 0], (32, 32)))
+        >>> batch, _ = nvsdata.collate([([graph] * 8, 0)])
+        >>> model = models.RGCNN3D(11, temporal="plain", sensor_size=(32, 32), channels=(8,), clusters=((4, 4),)).eval()
+        >>> model(batch).shape
+        torch.Size([1, 11])
     """
 
     def __init__(
@@ -68,12 +79,12 @@ class RGCNN3D(nn.Module):
         self.classify = nn.Linear(width, num_classes)
 
     def features(self, graphs: Graph | Data) -> torch.Tensor:
-        """Output of the last pooling: [B, C, T', H', W']."""
+        """Return the output of the last pooling, [B, C, T', H', W']."""
         maps: torch.Tensor = self.temporal(self.grid(self.spatial(input_of(self, graphs))))
         return maps
 
     def forward(self, graphs: Graph | Data) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes] of B sequences of S graphs.
+        """Return class scores (logits) [B, num_classes] of B sequences of S graphs.
 
         ValueError for graphs of a larger sensor, or with another number of features.
         """

@@ -1,4 +1,4 @@
-"""Tensors of events by a recurrent cell at each pixel (Matrix-LSTM)."""
+"""Event tensors by a recurrent cell at each pixel (Matrix-LSTM)."""
 
 from __future__ import annotations
 
@@ -11,20 +11,33 @@ from nvsdata.data.ragged import EventBatch
 
 
 class MatrixLSTM(nn.Module):
-    """LSTMs with common weights, each of which reads the events of its pixel one after the other (Cannici et al. 2020).
+    """LSTMs with shared weights, each of which reads the events of one pixel in order (Cannici et al. 2020).
 
-    An event is given as its polarity, ±1, and the time since the pixel's event before, as a share of the sample's time
-    (0 for the first one). What the LSTM puts out after the last event is the pixel's features; pixels without events
-    are 0, and cost nothing. (The authors' configurations scale a pixel's delays by its largest, or give times from 0 to
-    1, and keep the earliest events of a pixel that has too many.)
+    The input for an event is its polarity, ±1, and the time since the previous event of the pixel, as a fraction of the
+    sample's duration (0 for the first one). The LSTM's output after the last event is the pixel's features. Pixels
+    without events are 0 and need no computation. In contrast, the authors' configurations scale a pixel's delays by its
+    largest one, or use times from 0 to 1, and keep the earliest events of a pixel with too many. There is no gradient
+    with respect to times.
 
-    - `hidden`: C, the LSTM's units (default 8)
-    - `bins`: parts of equal length into which a sample's time is divided, each read separately (default 1)
-    - `most`: events of a pixel that are read, the latest ones (default 512, as in the authors' code)
+    The network takes an `EventBatch` (`nvsdata.collate(samples, events="columns")`) of B samples of one sensor size. It
+    returns [B, bins C, H, W] in the data type of its weights.
 
-    Takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size; gives
-    [B, bins C, H, W] of its weights' type. ValueError for settings that aren't positive whole numbers, and for samples
-    of several sensor sizes. There is no gradient with respect to times.
+    Args:
+        hidden: C, units of the LSTM (default 8).
+        bins: Parts of equal duration into which a sample is divided, each read separately (default 1).
+        most: Maximum number of events of a pixel and part, of which the latest are read (default 512, as in the
+            authors' code).
+
+    Raises:
+        ValueError: For settings that aren't positive whole numbers, and for samples of several sensor sizes.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import models
+        >>> samples = [(nvsdata.Events([0, 9], [1, 2], [0, 1], [1, 0], (4, 3)), 0)]
+        >>> batch, _ = nvsdata.collate(samples, events="columns")
+        >>> models.MatrixLSTM(hidden=8)(batch).shape
+        torch.Size([1, 8, 3, 4])
     """
 
     def __init__(self, hidden: int = 8, bins: int = 1, most: int = 512) -> None:
@@ -35,11 +48,11 @@ class MatrixLSTM(nn.Module):
         self.lstm = nn.LSTM(2, self.hidden)
 
     def extra_repr(self) -> str:
-        """Settings for repr()."""
+        """Return the settings for repr()."""
         return f"bins={self.bins}, most={self.most}"
 
     def forward(self, events: EventBatch) -> torch.Tensor:
-        """[B, bins C, H, W]."""
+        """Return the tensors of a batch, [B, bins C, H, W]."""
         width, height = events.sensor_size
         place, delay, polarity = self._in_order(events, width, height)
         weight = next(self.lstm.parameters())
@@ -61,7 +74,7 @@ class MatrixLSTM(nn.Module):
         return out.view(shape).permute(0, 1, 4, 2, 3).flatten(1, 2)
 
     def _in_order(self, events: EventBatch, width: int, height: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Place in the result, delay and polarity of the events, pixel by pixel, the latest `most` of each."""
+        """Return position in the result, delay and polarity of the events, sorted by pixel, at most `most` of each."""
         batch = events.batch
         start, duration = events.starts[batch], events.durations[batch].clamp_min(1)
         part = ((events.t - start) * self.bins // duration).clamp_max(self.bins - 1)
@@ -81,6 +94,6 @@ class MatrixLSTM(nn.Module):
 
 
 def _runs(place: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The values of a sorted tensor, each once; where each begins, and how often it occurs."""
+    """Return the unique values of a sorted tensor, their first positions and their counts."""
     values, counts = torch.unique_consecutive(place, return_counts=True)
     return values, counts.cumsum(0) - counts, counts

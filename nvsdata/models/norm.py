@@ -10,15 +10,26 @@ from nvsdata.models.distributed import all_reduce_sum, processes
 
 
 class BatchNorm(nn.modules.batchnorm._BatchNorm):
-    """Batch normalization (thesis eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all axes but the channels.
+    """Batch normalization (thesis, eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all axes but the channels.
 
-    With fewer than two values per channel there is no variance; then the running statistics are used, and not
-    updated. The first batches have equal weights in the running statistics, until `momentum` takes over, so their
-    initial values are forgotten. Processes that train together (torch.distributed) share the statistics of the
-    whole batch.
+    With fewer than two values per channel there is no variance. The layer then uses the running statistics and doesn't
+    update them. The first batches have equal weights in the running statistics, until `momentum` takes over, so the
+    initial values have no effect. Processes that train together (torch.distributed) share the statistics of the entire
+    batch.
 
-    - `num_features`: number of channels C
-    - other parameters: those of torch.nn.BatchNorm1d
+    Args:
+        num_features: Number of channels C.
+        eps: Value added to the variance (default 1e-5).
+        momentum: Least weight of a batch in the running statistics (default 0.1).
+        affine: True (default) for learned scales and offsets; the layer needs them.
+        track_running_stats: True (default) for running statistics; the layer needs them.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.BatchNorm(2)(torch.tensor([[0.0, 1.0], [2.0, 5.0]])).detach().round()
+        tensor([[-1., -1.],
+                [ 1.,  1.]])
     """
 
     num_batches_tracked: torch.Tensor
@@ -75,13 +86,13 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         return self._scaled(centered, variance)
 
     def _scaled(self, centered: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
-        """Values [N, C, ...] of mean 0, by their variance [C], the weight and the bias."""
+        """Return values [N, C, ...] of mean 0, divided by their deviation, with weight and bias."""
         scale = self._of_channels(self.weight * (variance + self.eps).rsqrt(), centered)
         return centered * scale + self._of_channels(self.bias, centered)
 
     @staticmethod
     def _of_channels(values: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Values [C] in the shape that goes with `x` [N, C, ...]."""
+        """Return values [C] in the shape that broadcasts with `x` [N, C, ...]."""
         return values.view([1, -1] + [1] * (x.ndim - 2))
 
     def _check_input_dim(self, x: torch.Tensor) -> None:

@@ -1,4 +1,4 @@
-"""Number of operations and weights of a network: by the thesis's formulas (4.4.4, 5.3.1), and really done."""
+"""Numbers of operations and parameters of a network: by the thesis's formulas (4.4.4, 5.3.1), and as executed."""
 
 from __future__ import annotations
 
@@ -30,11 +30,15 @@ GATES = {"LSTM": 9, "GRU": 8, "RNN_TANH": 1, "RNN_RELU": 0}
 
 @dataclass(frozen=True)
 class LayerCost:
-    """A layer that does something or has weights.
+    """Cost of a layer that computes something or has weights.
 
-    - `name`: in the network, "" for the network itself; `kind`: its class
-    - `flops`, `parameters`: by the thesis's formulas; None if it has none for this kind of layer
-    - `executed`: FLOPs that were really done; `weights`: parameters that there really are
+    Args:
+        name: Name in the network, "" for the network itself.
+        kind: Name of the class.
+        flops: FLOPs by the thesis's formulas, None for a kind of layer without a formula.
+        executed: FLOPs that were executed.
+        parameters: Parameters by the thesis's formulas, None for a kind of layer without a formula.
+        weights: Number of parameters of the layer.
     """
 
     name: str
@@ -47,11 +51,19 @@ class LayerCost:
 
 @dataclass(frozen=True)
 class Complexity:
-    """Result of `complexity`. `str()` is a table: the thesis's formulas, compared with what was really done.
+    """Result of `complexity`; `str()` is a table of its layers.
 
-    - `layers`: those that do something or have weights; last the network itself
-    - `uncounted`: what did something that can't be counted, as "layer (class): operation"; empty if `executed` is all
-    - `weights`: number of all parameters of the network
+    Args:
+        layers: Layers that compute something or have weights; the last one is the network itself.
+        uncounted: Operations that can't be counted, as "layer (class): operation"; empty if `executed` is complete.
+        weights: Number of all parameters of the network.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> cost = models.complexity(torch.nn.Linear(3, 2), torch.zeros(1, 3))
+        >>> cost.weights, round(cost.size * 2**20)
+        (8, 32)
     """
 
     layers: tuple[LayerCost, ...]
@@ -60,22 +72,22 @@ class Complexity:
 
     @property
     def flops(self) -> int:
-        """FLOPs by the thesis's formulas, of the layers that they are for."""
+        """FLOPs by the thesis's formulas, summed over the layers that have one."""
         return sum(layer.flops or 0 for layer in self.layers)
 
     @property
     def executed(self) -> int:
-        """FLOPs that were really done; a multiply-add counts as two."""
+        """FLOPs that were executed; a multiply-add counts as two."""
         return sum(layer.executed for layer in self.layers)
 
     @property
     def parameters(self) -> int:
-        """Parameters by the thesis's formulas, of the layers that they are for."""
+        """Parameters by the thesis's formulas, summed over the layers that have one."""
         return sum(layer.parameters or 0 for layer in self.layers)
 
     @property
     def size(self) -> float:
-        """MiB of `parameters` as float32, the unit of graph networks' sizes in thesis Tables 4.4, 4.5 and 4.10."""
+        """Size of `parameters` as float32 in MiB, the unit of thesis Tables 4.4, 4.5 and 4.10."""
         return self.parameters * 4 / 2**20
 
     def __str__(self) -> str:
@@ -99,22 +111,32 @@ class Complexity:
 
 
 def complexity(model: nn.Module, sample: Any) -> Complexity:
-    """Operations and parameters of a network, by the thesis's formulas and as really done.
+    """Count the operations and parameters of a network, by the thesis's formulas and as executed.
 
-    - `model`: any network; it is run once in evaluation mode and left as it was
-    - `sample`: an input of the network, on its device; a batch counts as a whole
+    The thesis's formulas count a multiply-add as two operations. A convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs,
+    with HWT output positions (eq. 4.11, and its extension to three dimensions). A B-spline convolution follows eq.
+    (4.12) with the graph's own edges. A fully connected layer takes (2I - 1) O. Convolutions have (C_in K^d + 1) C_out
+    parameters, fully connected layers (C_in + 1) C_out. In the first fully connected layer of a graph network, C_in
+    counts channels, not channels times cells. Other layers have no formula (root weights, normalization, pooling, other
+    graph convolutions, LSTM).
 
-    The thesis's formulas count the product of a multiply-add and its sum as two: a convolution takes
-    2 HWT (C_in K^d + 1) C_out FLOPs, with HWT output positions (eq. 4.11, and its extension to three dimensions); a
-    B-spline convolution follows eq. (4.12) with the graph's own edges; a fully connected layer takes (2I - 1) O.
-    Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers (C_in + 1) C_out; in the first fully
-    connected layer of a graph network C_in counts channels, not channels times cells. There is no formula for
-    anything else (root weights, normalization, pooling, other graph convolutions, LSTM).
+    Executed operations have the same unit and are counted by `Counting` and by rules of this module. For a B-spline
+    convolution they include every pair of an edge (or self-loop) and a kernel cell with a nonzero weight, and the
+    products of the cells that occur. For convolutions they include products with padding. `uncounted` names operations
+    of torch without a rule, and modules whose computation torch doesn't see.
 
-    Really done is what `Counting` and this module's rules count, in the same unit: of a B-spline convolution every
-    pair of an edge, or self-loop, and a kernel cell that has a share of it, and the products of the cells that occur;
-    of convolutions also products with the zeros around an image. What does something that isn't known is named in
-    `uncounted`: operations of torch without a rule, and modules whose work torch doesn't see.
+    Args:
+        model: Any network. It is run once in evaluation mode; its mode is restored.
+        sample: An input of the network, on its device. A batch is counted as a whole.
+
+    Returns:
+        A `Complexity`, with the cost of each layer.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.complexity(torch.nn.Linear(3, 2), torch.zeros(1, 3)).flops
+        10
     """
     counting, units = Counting(), _units(model)
     formulas: dict[str, list[int]] = {}
@@ -134,7 +156,7 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
 
 
 def _units(model: nn.Module) -> dict[str, nn.Module]:
-    """All modules by name, but for those within one of `LAYERS`."""
+    """Return all modules by name, except those within one of `LAYERS`."""
     units: dict[str, nn.Module] = {}
     inside = "\0"
     for name, module in model.named_modules():
@@ -157,7 +179,7 @@ def _in_evaluation(model: nn.Module) -> Iterator[None]:
 
 @contextmanager
 def _watched(units: dict[str, nn.Module], counting: Counting, formulas: dict[str, list[int]]) -> Iterator[None]:
-    """Tell `counting` which layer runs, and collect what the thesis's formulas give for each."""
+    """Report to `counting` which layer runs, and collect the results of the thesis's formulas for each."""
 
     def before(name: str) -> Callable[..., None]:
         return lambda module, inputs: counting.where.append(None if isinstance(module, tuple(RULES)) else name)
@@ -230,7 +252,7 @@ def _flops(module: nn.Module, inputs: Any, output: Any) -> int | None:
 
 
 def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
-    """Count the operations of a B-spline convolution on the CPU: shares, sums over neighbors, products."""
+    """Count the operations of a B-spline convolution on the CPU: kernel weights, sums over neighbors, products."""
     x, edge_index, u = inputs
     if x.device.type != "cpu":
         return 0
@@ -248,7 +270,7 @@ def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
 
 
 def _touched(u: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """The 2^d cells around each edge's pseudo-coordinates [E, d], and which of them have a share: two of [E, 2^d]."""
+    """Return the 2^d cells around each edge's pseudo-coordinates [E, d], and a mask of nonzero weights, [E, 2^d]."""
     at = np.clip(u, 0, 1) * (size - 1)
     lower = np.minimum(np.floor(at), max(size - 2, 0))
     cell, share = np.zeros((len(u), 1)), np.ones((len(u), 1), bool)
@@ -263,7 +285,7 @@ def _touched(u: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooling(module: GraphPool, inputs: Any, output: GraphBatch) -> int:
-    """Means of positions, pseudo-coordinates, and of an average its sums and quotients."""
+    """Count means of positions, pseudo-coordinates and, for an average, its sums and quotients."""
     (given,) = inputs
     axes = given.pos.shape[1]
     positions = axes * (given.num_nodes + output.num_nodes) + 2 * axes * output.num_edges
@@ -272,7 +294,7 @@ def _pooling(module: GraphPool, inputs: Any, output: GraphBatch) -> int:
 
 
 def _recurrent(module: nn.RNNBase, inputs: Any, output: Any) -> int:
-    """Products of all weights at each step of each sequence, and what is done with the gates."""
+    """Count products of all weights at each step of each sequence, and operations on the gates."""
     x = inputs[0]
     steps = x.data.shape[0] if isinstance(x, nn.utils.rnn.PackedSequence) else x.numel() // module.input_size
     products = sum(2 * p.numel() for p in module.parameters() if p.ndim == 2)

@@ -1,4 +1,4 @@
-"""Graph pooling over rectangular clusters (thesis eqs. 4.8, 4.9)."""
+"""Graph pooling over rectangular clusters (thesis, eqs. 4.8, 4.9)."""
 
 from __future__ import annotations
 
@@ -14,17 +14,28 @@ from nvsdata.models.clusters import pooled_rows, structure
 
 
 class GraphPool(nn.Module):
-    """Pools the nodes of each cluster of pixels into one node.
+    """Graph pooling, which merges the nodes of each cluster of pixels into one node.
 
-    - `cluster`: (width, height) of a cluster in pixels
-    - `sensor_size`: (width, height) in pixels
-    - `mode`: "max" (default) or "average" of the features
+    The layer takes and returns a `GraphBatch`. The new node is located at the floor of the mean position of its nodes
+    (eq. 4.8). Its features are their maximum or mean (eq. 4.9), its `t` is their mean time, rounded down. There is one
+    edge from a cluster to another if there is any edge from a node of one to a node of the other. Pseudo-coordinates
+    are relative to `coarse_reach`; those of longer edges are clipped to 1.
 
-    Takes and gives a `GraphBatch`. The new node lies at the floor of the mean position of its nodes (eq. 4.8), and
-    its features are their maximum or mean (eq. 4.9); its `t` is their mean time, rounded down. There is one edge from
-    a cluster to another if there is any edge from a node of one to a node of the other. Pseudo-coordinates are
-    relative to `coarse_reach`; those of longer edges are 1. ValueError for an unknown mode, or clusters of less than
-    a pixel.
+    Args:
+        cluster: (width, height) of a cluster in pixels.
+        sensor_size: (width, height) in pixels.
+        mode: "max" (default) or "average" of the features.
+
+    Raises:
+        ValueError: For an unknown mode, and clusters smaller than a pixel.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import models, transforms as T
+        >>> graph = T.RadiusGraph()(nvsdata.Events([0, 9], [2, 3], [0, 1], [1, 0], (34, 34)))
+        >>> batch = nvsdata.GraphBatch.from_graphs([graph])
+        >>> models.GraphPool((2, 2), (34, 34))(batch).num_nodes
+        1
     """
 
     def __init__(
@@ -61,7 +72,7 @@ class GraphPool(nn.Module):
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
     """Return the normalization range of the pseudo-coordinates after pooling.
 
-    Centers of neighboring clusters are a cluster's side apart, and no less than edges were long before. On N-MNIST 92
-    to 100% of the edges are no longer; those that are longer count as that.
+    Centers of neighboring clusters are the side of a cluster apart, and at least as far as nodes before pooling. On
+    N-MNIST 92 to 100% of the edges are within this range; pseudo-coordinates of longer edges are clipped.
     """
     return max(reach[0], cluster[0]), max(reach[1], cluster[1]), *reach[2:]

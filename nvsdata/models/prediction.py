@@ -1,4 +1,4 @@
-"""Trained networks in use: their predictions for recordings."""
+"""Predictions of trained networks for recordings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from nvsdata.common.validation import at_least
 from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
-from nvsdata.models.voting import vote
 from nvsdata.transforms.rng import deterministic_rng
 
 One = str | os.PathLike[str] | Recording | Events
@@ -25,13 +24,21 @@ One = str | os.PathLike[str] | Recording | Events
 
 @dataclass(frozen=True)
 class Trained:
-    """A network from a file, in evaluation mode, and what was saved with it.
+    """Trained network from a file, in evaluation mode, and the metadata that was saved with it.
 
-    - `model`: the network
-    - `classes`: names, in the order of the scores; empty if none were saved
-    - `transform`: makes the network's input from a recording; None if none was saved
-    - `metrics`: such as the accuracy
-    - `data`: what it was trained on: dataset, split, fold, seed and the split's hash, as the recipes save them
+    Args:
+        model: The network.
+        classes: Class names, in the order of the scores; empty if none were saved.
+        transform: Transform from a recording to the network's input; None if none was saved.
+        metrics: Results such as the accuracy.
+        data: Description of the training data: the recipes save dataset, split, fold, seed and the hash of the split.
+
+    Example:
+        >>> from nvsdata import Events, models, transforms as T
+        >>> pipeline = T.Compose([T.RandomWindow(30_000), T.RadiusGraph()])
+        >>> trained = models.Trained(models.rgcnn("n-mnist").eval(), tuple("0123456789"), pipeline, {}, {})
+        >>> trained.predict_proba(Events([0, 900], [3, 4], [5, 5], [1, 0], (34, 34))).shape
+        torch.Size([10])
     """
 
     model: nn.Module
@@ -45,37 +52,47 @@ class Trained:
     @overload
     def predict(self, recordings: Iterable[One], *, windows: int = 5) -> list[str]: ...
     def predict(self, recordings: One | Iterable[One], *, windows: int = 5) -> str | list[str]:
-        """Name of the most probable class of a recording, or a list of names for several recordings.
+        """Return the name of the most probable class of a recording, or a list of names for several recordings.
 
-        - `recordings`, `windows`: see `predict_proba`
+        Args:
+            recordings: A path, `Recording` or `Events`, or several of them; see `predict_proba`.
+            windows: Number of windows that vote (default 5).
 
-        Without class names, their numbers are returned as strings. ValueError as for `predict_proba`, and for
-        scores that are NaN.
+        Returns:
+            The name or names. Without class names, their numbers as strings.
+
+        Raises:
+            ValueError: As for `predict_proba`, and for scores that are NaN.
         """
         given = [recordings] if _is_one(recordings) else recordings
         found = self.predict_proba(given, windows=windows)
         if bad := int(found.isnan().any(1).sum()):
-            raise ValueError(f"the network gives NaN for {bad} of {len(found)} recordings")
+            raise ValueError(f"the network's scores are NaN for {bad} of {len(found)} recordings")
         names = [self.classes[best] if self.classes else str(best) for best in found.argmax(1).tolist()]
         return names[0] if _is_one(recordings) else names
 
     @torch.no_grad()
     def predict_proba(self, recordings: One | Iterable[One], *, windows: int = 5) -> torch.Tensor:
-        """Class probabilities of a recording, [num_classes], or of N recordings, [N, num_classes].
+        """Return class probabilities of a recording, [num_classes], or of N recordings, [N, num_classes].
 
-        - `recordings`: a path, `Recording` or `Events`, or several of them. A file that doesn't state its sensor is
-          opened by `nvsdata.open(path, sensor_size=...)`
-        - `windows`: number of voters (default 5), at places spread evenly over the recording, whose log-probabilities
-          are averaged, as at the end of a training
+        Random numbers of `transform` depend only on the number of the window. So the result is the same at every call,
+        for a recording alone or among others; torch's generators aren't changed. Several recordings show a progress bar
+        if they take longer than a second.
 
-        Other random numbers of `transform` depend only on the voter's number, so the result is the same at every
-        call, for a recording alone or among others; torch's generators are left as they are. Several recordings show
-        a progress bar if they take longer than a second.
+        Args:
+            recordings: A path, `Recording` or `Events`, or several of them. Open a file that doesn't state its sensor
+                by `nvsdata.open(path, sensor_size=...)`.
+            windows: Number of windows that vote (default 5). They are spread evenly over the recording, and their
+                log-probabilities are averaged, as at the end of a training.
 
-        ValueError if no transform was saved, or for less than one window.
+        Returns:
+            Probabilities, float32 [num_classes] or [N, num_classes].
+
+        Raises:
+            ValueError: If no transform was saved, or for less than one window.
         """
         if self.transform is None:
-            raise ValueError("no transform was saved with this network: make its input yourself, and call .model")
+            raise ValueError("no transform was saved with this network: pass its input to .model")
         at_least("windows", windows, 1)
         if _is_one(recordings):
             return self._voted(recordings, windows)
@@ -92,6 +109,19 @@ class Trained:
         device = next(self.model.parameters()).device
         probabilities: torch.Tensor = vote(self.model(batch.to(device)))
         return probabilities
+
+
+def vote(scores: torch.Tensor, axis: int = 0) -> torch.Tensor:
+    """Combine the scores of several windows of a recording.
+
+    Args:
+        scores: Class scores (logits) of each window, [..., num_classes].
+        axis: Axis of the windows (default 0).
+
+    Returns:
+        Probabilities in proportion to the geometric mean of those of the windows, without that axis.
+    """
+    return scores.log_softmax(-1).mean(axis).softmax(-1)
 
 
 def _is_one(recordings: One | Iterable[One]) -> TypeGuard[One]:

@@ -17,12 +17,31 @@ NETWORKS: Registry[type[nn.Module]] = Registry("network", "networks", lambda _, 
 
 
 def register_network(name: str) -> Callable[[Network], Network]:
-    """Class decorator: makes a network known under `name` to `models.save`, `models.load` and `models.NETWORKS`.
+    """Return a class decorator that registers a network under `name`.
 
-    Each instance remembers its constructor arguments (`settings`), which must be representable in JSON, and its name
-    (`kind`). A subclass of a network needs a name of its own. A package can use an entry point instead (group
-    `nvsdata.networks`, with the name and the class). ValueError for a name that is taken, TypeError for anything but
-    a subclass of torch.nn.Module.
+    `models.save`, `models.load` and `models.NETWORKS` then know the network. Each instance stores its constructor
+    arguments (`settings`), which must be representable in JSON, and its name (`kind`). A subclass of a network needs a
+    name of its own. A package can use an entry point instead (group `nvsdata.networks`, with the name and the class).
+
+    Args:
+        name: Name of the network.
+
+    Returns:
+        The decorator, which returns the class.
+
+    Raises:
+        ValueError: For a name that is taken.
+        TypeError: For anything but a subclass of torch.nn.Module, and for a constructor with * or ** arguments.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> @models.register_network("example-linear")
+        ... class Linear(torch.nn.Linear):
+        ...     def __init__(self, num_classes: int) -> None:
+        ...         super().__init__(2, num_classes)
+        >>> Linear(3).settings
+        {'num_classes': 3}
     """
 
     def enter(kind: Network) -> Network:
@@ -51,9 +70,9 @@ def register_network(name: str) -> Callable[[Network], Network]:
 
 
 def _without_arguments(self: nn.Module) -> None:
-    """The signature of a network that takes none."""
+    """Signature of a network without arguments."""
 
 
 def _decorated(kind: Any) -> None:
-    """TypeError for the class of an entry point that isn't registered: what was built before can't be saved."""
+    """Raise TypeError for the class of an entry point that isn't registered: instances built before can't be saved."""
     raise TypeError(f"{kind!r} isn't decorated with @register_network('a-name')")

@@ -22,14 +22,28 @@ class SplineConv(nn.Module):
     the hat functions of the cell. Without neighbors the sum is 0. The thesis has no W_root; with `root_weight`
     a node also adds its own features, as in SplineCNN. Activation and batch normalization are separate layers.
 
-    - `in_channels`, `out_channels`: features per node before and after
-    - `kernel_size`: cells along each axis of the kernel (default 5)
-    - `dim`: pseudo-coordinates of an edge (default 2)
-    - `root_weight`: whether to add f(i) W_root (default False)
-    - `bias`: whether to add b (default True)
+    Args:
+        in_channels: Features per node of the input.
+        out_channels: Features per node of the output.
+        kernel_size: Cells along each axis of the kernel (default 5).
+        dim: Pseudo-coordinates of an edge (default 2).
+        root_weight: True to add f(i) W_root (default False).
+        bias: True (default) to add b.
 
-    Weights: `weight` [kernel_size^dim, in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
-    `root` [in_channels, out_channels]; `bias` [out_channels]. ValueError for settings below 1.
+    Attributes:
+        weight: [kernel_size^dim, in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y.
+        root: [in_channels, out_channels], or None.
+        bias: [out_channels], or None.
+
+    Raises:
+        ValueError: For settings below 1.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> edge_index, u = torch.tensor([[0, 1], [1, 0]]), torch.tensor([[0.0, 0.5], [1.0, 0.5]])
+        >>> models.SplineConv(1, 8)(torch.ones(2, 1), edge_index, u).shape
+        torch.Size([2, 8])
     """
 
     def __init__(
@@ -54,7 +68,7 @@ class SplineConv(nn.Module):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        """Draw weights uniformly from ±1 / sqrt(fan-in), and set the bias to 0.
+        """Sample weights uniformly from ±1 / sqrt(fan-in), and set the bias to 0.
 
         Small weights followed by batch normalization let Adam change their direction quickly.
         """
@@ -66,10 +80,18 @@ class SplineConv(nn.Module):
             nn.init.zeros_(self.bias)
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor) -> torch.Tensor:
-        """Convolve `x` [N, in_channels] over `edge_index` int64 [2, E] with `edge_attr` [E, dim] in [0, 1].
+        """Convolve the features of nodes over edges. On the CPU, autocast doesn't change the precision.
 
-        Returns [N, out_channels]. `edge_attr` gets no gradient. On the CPU, autocast doesn't change its precision.
-        ValueError for edges of another `dim`.
+        Args:
+            x: Features of the nodes [N, in_channels].
+            edge_index: Sources and targets, int64 [2, E].
+            edge_attr: Pseudo-coordinates [E, dim] in [0, 1]. They get no gradient.
+
+        Returns:
+            Features [N, out_channels].
+
+        Raises:
+            ValueError: For edges of another `dim`.
         """
         if (given := edge_attr.shape[1]) != self.dim:
             raise ValueError(f"edges have {given} pseudo-coordinates, but the convolution takes {self.dim}")
@@ -88,15 +110,15 @@ class SplineConv(nn.Module):
 
 
 def _local(x: torch.Tensor, root: torch.Tensor | None, bias: torch.Tensor | None, channels: int) -> torch.Tensor:
-    """The root and bias terms, [N, channels], in new memory."""
+    """Return the root and bias terms, [N, channels], in new memory."""
     if root is not None:
         return x @ root if bias is None else torch.addmm(bias, x, root)
     return x.new_zeros(x.shape[0], channels) if bias is None else bias.repeat(x.shape[0], 1)
 
 
 def add_self_loops(batch: GraphBatch) -> tuple[torch.Tensor, torch.Tensor]:
-    """The edges of a batch, and a self-loop of each node: `edge_index` int64 [2, E + N] and `edge_attr` [E + N, D].
+    """Return the edges of a batch with a self-loop of each node: `edge_index` int64 [2, E + N], `edge_attr` [E + N, D].
 
-    N(i) then contains i itself, whose distance 0 is within every radius (eq. 4.2).
+    N(i) then contains i itself, whose distance 0 is within every radius (thesis, eq. 4.2).
     """
     return self_loops(batch.edge_index, batch.edge_attr, batch.num_nodes, origin(batch.pseudo))

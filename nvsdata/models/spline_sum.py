@@ -1,7 +1,7 @@
-"""The sum of a B-spline convolution over neighbors and kernel cells: by our kernels on the CPU, by torch elsewhere.
+"""Sums of a B-spline convolution over neighbors and kernel cells: by our kernels on the CPU, by torch elsewhere.
 
-While torch looks on without values (`torch.compile`, `torch.export`, the meta device), layers call operators that it
-knows; they take about 30 µs more per call, and their backward pass computes the sum again.
+While torch traces without values (`torch.compile`, `torch.export`, the meta device), layers call registered operators.
+These take about 30 µs more per call, and their backward pass computes the sum again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""3D CNNs on sequences of grids (thesis 5.2.4 and 5.3.1): plain, inception, residual."""
+"""3D CNNs on sequences of grids (thesis, sections 5.2.4 and 5.3.1): plain, inception, residual."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Conv3D(nn.Sequential):
 
 
 def inception(in_channels: int, streams: tuple[int, Pair, Pair, int]) -> Streams:
-    """I3D's block: four parallel streams, whose widths are `streams`, in the notation of section 5.3.1.
+    """Return I3D's block of four parallel streams with widths `streams`, in the notation of thesis, section 5.3.1.
 
-    1x1x1; 1x1x1 then 3x3x3; 1x1x1 then 3x3x3; maximum over 3x3x3 then 1x1x1.
+    The streams are 1x1x1; 1x1x1 then 3x3x3; 1x1x1 then 3x3x3; maximum over 3x3x3 then 1x1x1.
     """
     one, (two, two_out), (three, three_out), four = streams
     return Streams(
@@ -38,13 +38,13 @@ def inception(in_channels: int, streams: tuple[int, Pair, Pair, int]) -> Streams
 
 
 def inception_width(streams: tuple[int, Pair, Pair, int]) -> int:
-    """Channels that the block of these streams gives."""
+    """Return the number of output channels of the block of these streams."""
     one, (_, two), (_, three), four = streams
     return one + two + three + four
 
 
 def residual(in_channels: int, inter_channels: int, out_channels: int) -> Residual:
-    """Res(c_in, c_inter, c_out): two convolutions plus a 1x1x1 shortcut, all normalized, then ReLU."""
+    """Return the block Res(c_in, c_inter, c_out): two convolutions plus a 1x1x1 shortcut, all normalized, then ReLU."""
     second = nn.Conv3d(inter_channels, out_channels, 3, padding=1, bias=False), BatchNorm(out_channels)
     body = nn.Sequential(Conv3D(in_channels, inter_channels), *second)
     shortcut = nn.Conv3d(in_channels, out_channels, 1, bias=False), BatchNorm(out_channels)
@@ -62,9 +62,9 @@ TEMPORAL = ("plain", "inception", "residual")
 
 
 def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, int]:
-    """The layers up to the last pooling, and their number of output channels. ValueError for an unknown kind.
+    """Return the layers up to the last pooling, and their number of output channels. ValueError for an unknown kind.
 
-    Each block is followed by a pooling of 2 x 2 x 2 with stride 2; after the first block the stride in time is 1.
+    Each block is followed by a pooling of 2 x 2 x 2 with stride 2. After the first block the stride in time is 1.
     Values left over at an edge are pooled by themselves, because 8 grids wouldn't suffice for four poolings otherwise.
     """
     blocks: list[nn.Module] = []

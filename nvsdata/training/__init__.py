@@ -1,12 +1,11 @@
-"""Training networks: epochs that log, checkpoint and resume, in one process or several."""
+"""Training of networks with logs, checkpoints and resumption, in one process or several."""
 
 from nvsdata.training.data import TrainTestSplit, data_of, loader
 from nvsdata.training.evaluation import Votes, accuracies, predict, votes
-from nvsdata.training.main import run
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team, team
 from nvsdata.training.report import write_report
-from nvsdata.training.tensorboard import to_tensorboard
+from nvsdata.training.runs import run, to_tensorboard
 from nvsdata.training.trainer import Trainer
 
 __all__ = [

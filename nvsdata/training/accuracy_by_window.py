@@ -1,4 +1,4 @@
-"""Accuracy of a trained network against the length of the windows that it is shown."""
+"""Accuracy of a trained network as a function of the length of its windows."""
 
 from __future__ import annotations
 
@@ -20,15 +20,19 @@ MEASURED = 8  # recordings
 
 
 def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: Any) -> dict[int, float]:
-    """Accuracy of one window, by its length in µs; nothing for a transform that cuts no windows.
+    """Measure the accuracy of single windows by their length.
 
-    - `trainer`: whose network, seed, batch and processes are used
-    - `test`: gives the dataset to test on, with a transform
-    - `transform`: makes the network's input
+    Lengths go from a quarter of the transform's own to four times it. Lengths for which recordings are too short are
+    replaced by the longest possible one, or by the transform's own. About 1,000 windows are used per length, from
+    recordings spread over the dataset, the same at every call.
 
-    A quarter to four times the transform's own length; longer ones than recordings have room for are replaced by the
-    longest for which they have, or by the own one. Of each length about 1,000 windows, of recordings spread over the
-    dataset, the same at every call.
+    Args:
+        trainer: Trainer whose network, seed, batch and processes are used.
+        test: Function from a transform to the test dataset.
+        transform: Transform from a recording to the network's input.
+
+    Returns:
+        Accuracy by length in µs; empty for a transform that cuts no windows.
     """
     own = T.window_length(transform)
     if own is None:
@@ -46,6 +50,6 @@ def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: 
 
 
 def _spread(dataset: Any, most: int) -> Any:
-    """At most `most` of a dataset's samples, evenly spread over it."""
+    """Return at most `most` of a dataset's samples, evenly spread over it."""
     count = min(most, len(dataset))
     return dataset.subset(i * len(dataset) // count for i in range(count))

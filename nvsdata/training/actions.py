@@ -1,4 +1,4 @@
-"""Training protocol for actions and scenes (thesis section 5.3.1): input, settings, optimization."""
+"""Training protocol for actions and scenes (thesis, section 5.3.1): input, settings, optimization."""
 
 from __future__ import annotations
 
@@ -35,16 +35,23 @@ NETWORKS = ("rgcnn3d", *FRAME_NETWORKS, *POINT_NETWORKS)
 
 @dataclass(frozen=True)
 class Actions:
-    """The protocol of section 5.3.1 for one of `NETWORKS`.
+    """Training protocol of thesis, section 5.3.1, for one of `NETWORKS`.
 
-    - `network`: one of `NETWORKS`
-    - `temporal`: the 3D CNN of rgcnn3d, one of `models.TEMPORAL`
-    - `graphs`: S, the number of graphs or frames per sample, 8 or 16
-    - `duration`: µs of each recording that are used, at a random place; None for all of it
-    - `events`: per sample of PointNet, PointNet++ and LSTM
-    - `flip`: whether left-right flips augment
+    Args:
+        network: One of `NETWORKS` (default "rgcnn3d").
+        temporal: 3D CNN of rgcnn3d, one of `models.TEMPORAL` (default "residual").
+        graphs: S, the number of graphs or frames per sample, 8 (default) or 16.
+        duration: Duration in µs of the part of each recording that is used, at a random position (default None: all).
+        events: Events per sample of PointNet, PointNet++ and LSTM (default 1024).
+        flip: True (default) for left-right flips as augmentation.
 
-    ValueError for an unknown network.
+    Raises:
+        ValueError: For an unknown network.
+
+    Example:
+        >>> from nvsdata.training.actions import Actions
+        >>> Actions(graphs=16).batch
+        16
     """
 
     network: str = "rgcnn3d"
@@ -59,10 +66,11 @@ class Actions:
             raise ValueError(f"network must be one of {NETWORKS}, not {self.network!r}")
 
     def pipeline(self, *, training: bool) -> T.Compose:
-        """From a recording to what the network takes, augmented for training.
+        """Return the transform from a recording to the network's input, with augmentation for training.
 
-        S windows of 1/30 s of S equal parts, and of each a graph with an edge from each node's nearest, scaled by a
-        factor from (0.8, 1); or a frame of ON and OFF counts, scaled and cropped.
+        The recording is divided into S equal parts, and a window of 1/30 s is taken from each. Each window becomes a
+        graph with an edge from each node's nearest, scaled by a factor from (0.8, 1) in training; or a frame of ON and
+        OFF counts, scaled and cropped.
         """
         cut = [T.RandomWindow(self.duration)] if self.duration else []
         if self.network in POINT_NETWORKS:
@@ -79,7 +87,7 @@ class Actions:
         return T.Compose([*cut, volumes, graphs, *augment, *([T.RandomFlip(0)] if flip else [])])
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
-        """The network; RG-CNN in the configuration for 128x128 if that holds the sensor, else for 240x180."""
+        """Return the network; RG-CNN in the configuration for 128x128 if the sensor fits, otherwise for 240x180."""
         if self.network in FRAME_NETWORKS:
             return FRAME_NETWORKS[self.network][0](classes)
         if self.network in POINT_NETWORKS:
@@ -105,13 +113,21 @@ class Actions:
         seed: int = 0,
         resume: bool = False,
     ) -> Trainer:
-        """A network, and the trainer of it.
+        """Build a network and its trainer.
 
-        - `out`, `data`, `team`, `seed`, `resume`: see `Trainer`
-        - `sensor_size`: (width, height) in pixels
-        - `classes`: how many there are
-        - `epochs`: default 150
-        - `batch`: samples per step, over all processes (default: 32 for 8 graphs, 16 for 16)
+        Args:
+            out: Folder of the training; see `Trainer`.
+            sensor_size: (width, height) in pixels.
+            classes: Number of classes.
+            data: Description of the training data; see `Trainer`.
+            team: The processes that train together.
+            epochs: Number of epochs (default 150).
+            batch: Samples per step, over all processes (default: 32 for 8 graphs, 16 for 16).
+            seed: Seed; see `Trainer` (default 0).
+            resume: True to continue from a checkpoint; see `Trainer` (default False).
+
+        Returns:
+            The `Trainer`.
         """
         model = self.build(sensor_size, classes).to(team.device)
         optimizer, schedule = self.optimization(model, epochs)
@@ -119,8 +135,8 @@ class Actions:
         return Trainer(model, optimizer, schedule, out, data=data | {"protocol": repr(self)}, epochs=epochs, **options)
 
     def optimization(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
-        """Optimizer and schedule: Adam, or for 3D CNNs gradient descent from 0.01, tenfold less every 50 epochs.
+        """Return optimizer and schedule: Adam, or for 3D CNNs SGD from 0.01, divided by 10 every 50 epochs.
 
-        The thesis says nothing of networks of points; they are trained by Adam too.
+        The thesis doesn't describe the training of point networks; they are trained by Adam, too.
         """
         return sgd(model, 0.01, 50, epochs) if self.network in FRAME_NETWORKS else adam(model, epochs, (60, 100))

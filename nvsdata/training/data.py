@@ -1,4 +1,4 @@
-"""Training and test data, in batches whose random samples depend on seed, epoch and index alone."""
+"""Training and test data, in batches whose random samples depend only on seed, epoch and index."""
 
 from __future__ import annotations
 
@@ -26,13 +26,26 @@ def loader(
     last: int = 1,
     shuffle: bool = False,
 ) -> DataLoader[Any]:
-    """This process's share of the batches of the epochs `first` to `last` - 1.
+    """Return a loader of this process's part of the batches of the epochs `first` to `last` - 1.
 
-    - `dataset`: gives `(sample, target)`
-    - `batch`: samples per batch, over all processes
-    - `team`: the processes that share each batch
-    - `seed`: of order and draws, which depend on seed, epoch and sample alone (default 0)
-    - `shuffle`: whether each epoch has an order of its own (default False)
+    Args:
+        dataset: Dataset of `(sample, target)`.
+        batch: Samples per batch, over all processes.
+        team: The processes that share each batch.
+        seed: Seed of order and random numbers, which depend only on seed, epoch and sample (default 0).
+        first: First epoch (default 0).
+        last: End of the epochs, exclusive (default 1).
+        shuffle: True for a random order in each epoch (default False).
+
+    Returns:
+        A DataLoader.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> dataset = [(torch.zeros(3), 0), (torch.ones(3), 1)]
+        >>> len(training.loader(dataset, 2, training.Team(torch.device("cpu"))))
+        1
     """
     seeded = SeededDataset(dataset, seed)
     part = team.rank, team.count
@@ -56,15 +69,18 @@ def _begin_worker(_: int) -> None:
 
 
 class TrainTestSplit:
-    """A dataset's recordings for training and for testing: by its own split, or a fifth of each class held back.
+    """Recordings of a dataset for training and for testing: by its own split, or a fifth of each class for testing.
 
-    - `name`: the dataset's
-    - `root`: its folder, or what `nvsdata pack` made of it
-    - `fold`: which of its splits (default: the dataset's default)
-    - `seed`: of a split that is drawn, and kept in `data` (default 0)
-    - `errors`: what becomes of damaged recordings, as for datasets (default "raise")
+    Args:
+        name: Name of the dataset.
+        root: Folder of the dataset, or the file that `nvsdata pack` made of it.
+        fold: Number of the split (default None: the dataset's default).
+        seed: Seed of a random split, stored in `data` (default 0).
+        errors: Handling of damaged recordings, as for datasets (default "raise").
 
-    Raises ValueError for a dataset of pairs, FileNotFoundError if there are no recordings.
+    Raises:
+        ValueError: For a dataset of pairs.
+        FileNotFoundError: If there are no recordings.
     """
 
     def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0, errors: str = "raise") -> None:
@@ -82,22 +98,31 @@ class TrainTestSplit:
         self.data = data_of(self._train, self._test, seed)
 
     def train(self, transform: Any) -> Any:
-        """The dataset to train on."""
+        """Return the training dataset with a transform."""
         return _with(self._train, transform)
 
     def test(self, transform: Any) -> Any:
-        """The dataset to test on."""
+        """Return the test dataset with a transform."""
         return _with(self._test, transform)
 
 
 def _with(dataset: Any, transform: Any) -> Any:
-    """The dataset, listed once, with another transform."""
+    """Return a dataset, listed once, with another transform."""
     changed = copy(dataset)
     changed.transform = transform
     return changed
 
 
 def data_of(train: Any, test: Any, seed: int) -> dict[str, Any]:
-    """Return a description of the data for `Trainer`: dataset, split, fold, the run's seed, hashes of both sets."""
+    """Describe the data for `Trainer`.
+
+    Args:
+        train: Training dataset.
+        test: Test dataset.
+        seed: Seed of the run.
+
+    Returns:
+        A dictionary of dataset, split, fold, seed and the hashes of both sets.
+    """
     hashes = {"hash": train.split_hash, "test_hash": test.split_hash}
     return {"dataset": train.info.name, "split": train.split_name, "fold": train.fold, "seed": seed, **hashes}

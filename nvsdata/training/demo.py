@@ -1,4 +1,4 @@
-"""The demo: moving shapes, converted to events by PIX2NVS and classified by a graph CNN."""
+"""Demo: moving shapes, converted to events by PIX2NVS and classified by a graph CNN."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ VOTES = 5  # windows per recording
 
 
 def train(out: Path, epochs: int, seed: int) -> None:
-    """Make the data, train, print the accuracy, write two pictures."""
+    """Make the data, train, print the accuracy and write two figures."""
     with training.team("cpu") as here, here.claiming(out):
         _train(out, epochs, seed, here)
 
@@ -72,7 +72,7 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
 
 
 def pipeline(*, augmented: bool) -> T.Compose:
-    """From a recording to a graph."""
+    """Return the transform from a recording to a graph."""
     augment: list[Any] = [T.RandomScale(), T.RandomRotate()] if augmented else []
     return T.Compose([T.RandomWindow(WINDOW), T.NonUniformSample(2), T.RadiusGraph(), *augment])
 
@@ -109,7 +109,7 @@ SHAPES: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
 
 
 def scene(shape: str, rng: np.random.Generator) -> np.ndarray:
-    """Frames of a bright shape that circles and turns on a dark background: float32 [T, H, W] in (0, 1]."""
+    """Return frames of a bright shape that circles and turns on a dark background: float32 [T, H, W] in (0, 1]."""
     distance = SHAPES[shape]
     radius, phase, turn = rng.uniform(6, 9), rng.uniform(0, 2 * math.pi), rng.uniform(-0.4, 0.4)
     tilt = rng.uniform(-0.25, 0.25)
@@ -126,9 +126,9 @@ def scene(shape: str, rng: np.random.Generator) -> np.ndarray:
 
 
 def make_dataset(folder: Path, seed: int) -> None:
-    """Write `train` and `test` class folders of recordings; a folder that is complete is left alone.
+    """Write `train` and `test` class folders of recordings. A complete folder isn't changed.
 
-    FileExistsError for a folder that somebody else made: it would be deleted.
+    FileExistsError for a folder with other files, because it would be deleted.
     """
     mark = folder / MARK
     if mark.exists() and mark.read_text() == str(seed):

@@ -11,7 +11,7 @@ import torch
 from torch import distributed, nn
 from torch.utils.data import DataLoader
 
-from nvsdata.models.voting import vote
+from nvsdata.models.prediction import vote
 from nvsdata.training.processes import Team
 
 
@@ -19,7 +19,16 @@ from nvsdata.training.processes import Team
 def predict(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], team: Team
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return a model's outputs for all batches in order: values [N, ...] and targets [N], the same in all processes."""
+    """Compute a model's outputs for all batches in order.
+
+    Args:
+        model: Network or function that returns values [B, ...] of a batch.
+        batches: Loader of `(inputs, targets)`.
+        team: The processes that share each batch.
+
+    Returns:
+        Values [N, ...] and targets [N], the same in all processes.
+    """
     if isinstance(model, nn.Module):
         model.eval()
     mine = [(model(inputs.to(team.device)).cpu(), targets) for inputs, targets in batches]
@@ -33,7 +42,7 @@ def predict(
 
 
 def share_right(scores: torch.Tensor, targets: torch.Tensor) -> float:
-    """Share of scores [..., num_classes] that are highest for the true classes, of a shape that goes with [...]."""
+    """Return the fraction of scores [..., num_classes] that are highest for the true classes [...]."""
     # NaN names no class, although argmax gives one
     right = (scores.argmax(-1) == targets) & ~scores.isnan().any(-1)
     return right.double().mean().item()
@@ -43,8 +52,15 @@ def share_right(scores: torch.Tensor, targets: torch.Tensor) -> float:
 class Votes:
     """Predictions of a network for windows of recordings.
 
-    - `voters`: log-probabilities [rounds, windows, N, num_classes]; the windows of a round vote together; see `vote`
-    - `targets`: true classes [N]
+    Args:
+        voters: Log-probabilities [rounds, windows, N, num_classes]. The windows of a round vote together; see `vote`.
+        targets: True classes [N].
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> training.Votes(torch.tensor([[[[-0.1, -2.3]], [[-0.7, -0.6]]]]), torch.tensor([0])).single
+        0.5
     """
 
     voters: torch.Tensor
@@ -52,7 +68,7 @@ class Votes:
 
     @property
     def single(self) -> float:
-        """Accuracy of one window, the mean over all."""
+        """Accuracy of single windows, the mean over all."""
         return share_right(self.voters, self.targets)
 
     @property
@@ -64,12 +80,17 @@ class Votes:
 def votes(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
 ) -> Votes:
-    """Return a model's predictions for each window of each recording.
+    """Compute a model's predictions for each window of each recording.
 
-    - `model`: gives scores [B, num_classes]
-    - `batches`: every recording once, then again, and so on, `rounds` times `windows` times
-    - `windows`: how many vote together
-    - `rounds`: votes per recording (default 1)
+    Args:
+        model: Network or function that returns scores [B, num_classes].
+        batches: Loader of every recording once, repeated `rounds` times `windows` times.
+        windows: Number of windows that vote together.
+        team: The processes that share each batch.
+        rounds: Votes per recording (default 1).
+
+    Returns:
+        A `Votes`.
     """
     scores, targets = predict(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
@@ -79,6 +100,17 @@ def votes(
 def accuracies(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
 ) -> tuple[float, float]:
-    """Accuracy of one window (mean over all), and of the windows of a recording together; see `votes`."""
+    """Compute the accuracy of single windows (mean over all), and of votes; see `votes`.
+
+    Args:
+        model: Network or function that returns scores [B, num_classes].
+        batches: Loader of every recording once, repeated `rounds` times `windows` times.
+        windows: Number of windows that vote together.
+        team: The processes that share each batch.
+        rounds: Votes per recording (default 1).
+
+    Returns:
+        Single-window accuracy and accuracy of the votes.
+    """
     given = votes(model, batches, windows, team, rounds)
     return given.single, given.together

@@ -1,4 +1,4 @@
-"""Training protocol for objects (thesis section 4.4): input, settings, optimization."""
+"""Training protocol for objects (thesis, section 4.4): input, settings, optimization."""
 
 from __future__ import annotations
 
@@ -43,29 +43,47 @@ FEATURES: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Objects:
-    """The protocol of section 4.4 for a dataset and one of `NETWORKS`.
+    """Training protocol of thesis, section 4.4, for a dataset and one of `NETWORKS`.
 
-    - `dataset`: its name; digits (n-mnist, mnist-dvs) aren't mirrored
-    - `network`: one of `NETWORKS`
-    - `convolution`: of gcnn (Table 4.8) or rgcnn, "spline" or one of `models.CONVOLUTIONS`
-    - `window`: µs of a recording per sample, at a random place (Table 4.3)
-    - `k`: most events per box of the non-uniform sampling, 1 for no sampling (Table 4.1); None: 1 for n-mnist, else 8
-    - `radius`, `alpha`, `beta`, `max_degree`, `pseudo`: of the graph; see `RadiusGraph` (Table 4.2)
-    - `features`: of nodes in addition to polarity, of `FEATURES`
-    - `causal`: whether edges come from earlier events only, and the network pools once, at its end, so that it can
-      follow events in real time (`models.stream`); k is 1 then, and no features know events to come
-    - `depth`: number of convolutions, for 240x180 (Table 4.4) or 34x34; None: 5 for n-mnist, else the dataset's own
-    - `kernel_size`: cells of a kernel along an axis (Table 4.5)
-    - `width`: factor of the numbers of channels
-    - `dropout`: before the last layer; None: 0.2 for n-mnist, else the thesis's 0.5
-    - `loops`, `root_weight`, `shortcut_start`: see `RGCNN`
-    - `augment`: whether training samples are changed at random
-    - `schedule`: "one-cycle", or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 at 60/150 and 110/150
-    - `smoothing`: of targets; see `Trainer`
-    - `image_size`: pixels of event images along a side, for `IMAGE_NETWORKS` (Table 4.6)
+    The defaults are those of docs/models.md, which lists the differences from the thesis and their effects.
 
-    The defaults are those of docs/models.md, which says where they depart from the thesis and what that changes.
-    ValueError for an unknown network, feature or schedule, and for a causal network with features, a depth, or k > 1.
+    Args:
+        dataset: Name of the dataset. Digits (n-mnist, mnist-dvs) aren't mirrored.
+        network: One of `NETWORKS`.
+        convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" or one of `models.CONVOLUTIONS`.
+        window: Duration of a sample in µs, at a random position of the recording (Table 4.3).
+        k: Maximum events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None: 1 for n-mnist,
+            otherwise 8.
+        radius: Radius of a neighborhood; see `RadiusGraph` (Table 4.2).
+        alpha: Weight of space; see `RadiusGraph`.
+        beta: Weight of time; see `RadiusGraph`.
+        max_degree: Maximum number of neighbors; see `RadiusGraph`.
+        pseudo: Kind of pseudo-coordinates; see `RadiusGraph`.
+        features: Names of node features of `FEATURES`, in addition to polarity.
+        causal: True for edges from earlier events only and a network that pools only at its end, so that it can stream
+            in real time (`models.stream`). k is 1 then, and features must be empty, because they depend on later
+            events.
+        depth: Number of convolutions, for 240x180 (Table 4.4) or 34x34. None: 5 for n-mnist, otherwise the dataset's
+            own.
+        kernel_size: Cells of a kernel along an axis (Table 4.5).
+        width: Factor of the numbers of channels.
+        dropout: Probability before the last layer. None: 0.2 for n-mnist, otherwise the thesis's 0.5.
+        loops: Self-loops; see `RGCNN`.
+        root_weight: Root weights; see `RGCNN`.
+        shortcut_start: Initial scale of shortcuts; see `RGCNN`.
+        augment: True (default) for augmentation of training samples.
+        schedule: "one-cycle", or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 at 60/150 and 110/150.
+        smoothing: Label smoothing; see `Trainer`.
+        image_size: Side of event images in pixels, for `IMAGE_NETWORKS` (Table 4.6).
+
+    Raises:
+        ValueError: For an unknown network, feature or schedule, and for a causal network with features, a depth, or k >
+            1.
+
+    Example:
+        >>> from nvsdata.training.objects import Objects
+        >>> Objects("n-mnist").setting("depth"), Objects("n-cars").setting("k")
+        (5, 8)
     """
 
     dataset: str
@@ -122,7 +140,7 @@ class Objects:
             )
 
     def setting(self, name: str) -> Any:
-        """A setting, or if it is None, what it is for the dataset."""
+        """Return a setting, with the dataset's default in place of None."""
         given = getattr(self, name)
         if self.causal and name in ("k", "depth"):
             return 1 if name == "k" else None
@@ -130,13 +148,13 @@ class Objects:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All settings, as they are for the dataset."""
+        """All settings, with the dataset's defaults in place of None."""
         return {name: self.setting(name) for name in vars(self)}
 
     def pipeline(self, *, training: bool, within: tuple[float, float] = (0.0, 1.0)) -> T.Compose:
-        """From a recording to what the network takes, augmented for training.
+        """Return the transform from a recording to the network's input, with augmentation for training.
 
-        `within` is the part of the recording, as shares of its duration, that windows are drawn from.
+        `within` is the part of the recording, as fractions of its duration, from which windows are sampled.
         """
         window = T.RandomWindow(self.window, within)
         if self.network in IMAGE_NETWORKS:
@@ -167,9 +185,9 @@ class Objects:
         return [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
-        """The network; of the thesis's, that for the dataset, or for the smallest sensor that holds this one.
+        """Return the network; of the thesis's, that for the dataset, or for the smallest sensor that contains this one.
 
-        ValueError for a depth that the thesis lacks, and for a sensor that none of its networks holds.
+        ValueError for a depth that the thesis doesn't have, and for a sensor larger than those of its networks.
         """
         if self.network in IMAGE_NETWORKS:
             return IMAGE_NETWORKS[self.network](classes)
@@ -207,7 +225,7 @@ class Objects:
         return common | sizes[depth]
 
     def optimization(self, model: nn.Module, epochs: int, steps: int) -> tuple[Any, Any]:
-        """Optimizer and schedule for `epochs` of `steps` steps each: Adam, or for images gradient descent."""
+        """Return optimizer and schedule for `epochs` of `steps` steps each: Adam, or for images gradient descent."""
         if self.network in IMAGE_NETWORKS:
             return sgd(model, 1e-3, max(1, ITERATIONS // steps), epochs, decay=1e-5)
         return one_cycle(model, epochs) if self.schedule == "one-cycle" else adam(model, epochs, (60, 110))
@@ -226,14 +244,22 @@ class Objects:
         seed: int = 0,
         resume: bool = False,
     ) -> Trainer:
-        """A network, and the trainer of it.
+        """Build a network and its trainer.
 
-        - `out`, `data`, `team`, `seed`, `resume`: see `Trainer`
-        - `recordings`: how many there are to train on
-        - `sensor_size`: (width, height) in pixels
-        - `classes`: how many there are
-        - `epochs`: by default the thesis's 150, or as many as make `LEAST_STEPS` steps
-        - `batch`: samples per step, over all processes (default 64)
+        Args:
+            out: Folder of the training; see `Trainer`.
+            recordings: Number of training recordings.
+            sensor_size: (width, height) in pixels.
+            classes: Number of classes.
+            data: Description of the training data; see `Trainer`.
+            team: The processes that train together.
+            epochs: Number of epochs (default: the thesis's 150, or more if `LEAST_STEPS` steps need more).
+            batch: Samples per step, over all processes (default 64).
+            seed: Seed; see `Trainer` (default 0).
+            resume: True to continue from a checkpoint; see `Trainer` (default False).
+
+        Returns:
+            The `Trainer`.
         """
         steps = -(-recordings // batch)
         epochs = epochs or max(EPOCHS, -(-LEAST_STEPS // steps))

@@ -1,4 +1,4 @@
-"""Optimizers with their schedules, which step once per epoch: the thesis's, and a cycle."""
+"""Optimizers with schedules that step once per epoch: those of the thesis, and one cycle."""
 
 from __future__ import annotations
 
@@ -15,9 +15,25 @@ RISE = 0.3  # share of the epochs in which the rate of a cycle rises
 def sgd(
     model: nn.Module, rate: float, every: int, epochs: int, *, decay: float = 0.0, decayed: Sequence[nn.Module] = ()
 ) -> tuple[torch.optim.Optimizer, Any]:
-    """Gradient descent with momentum 0.9, its rate decayed tenfold every `every` epochs, and weight decay.
+    """Build gradient descent with momentum 0.9, and a schedule.
 
-    The weight decay is that of the layers `decayed`, if there are any, else of all.
+    Args:
+        model: The network.
+        rate: Initial learning rate.
+        every: Epochs after which the rate is divided by 10, repeatedly.
+        epochs: Number of epochs.
+        decay: Weight decay (default 0.0).
+        decayed: Layers with weight decay (default: all).
+
+    Returns:
+        Optimizer and schedule.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> optimizer, schedule = training.sgd(torch.nn.Linear(2, 1), 0.01, 50, 150)
+        >>> schedule.get_last_lr()
+        [0.01]
     """
     held = {p for layer in decayed or (model,) for p in layer.parameters()}
     groups: list[dict[str, Any]] = [{"params": [p for p in model.parameters() if p in held]}]
@@ -28,14 +44,30 @@ def sgd(
 
 
 def adam(model: nn.Module, epochs: int, milestones: tuple[int, int]) -> tuple[torch.optim.Optimizer, Any]:
-    """Adam with a rate of 1e-3, decayed tenfold at `milestones` out of 150, stretched to `epochs`."""
+    """Build Adam with a rate of 1e-3, and a schedule.
+
+    Args:
+        model: The network.
+        epochs: Number of epochs.
+        milestones: Epochs out of 150 after which the rate is divided by 10, scaled to `epochs`.
+
+    Returns:
+        Optimizer and schedule.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> optimizer, schedule = training.adam(torch.nn.Linear(2, 1), 150, (60, 110))
+        >>> schedule.get_last_lr()
+        [0.001]
+    """
     optimizer = torch.optim.Adam(model.parameters(), lr=1e-3, fused=True)
     at = [round(epochs * milestone / 150) for milestone in milestones]
     return optimizer, torch.optim.lr_scheduler.MultiStepLR(optimizer, at)
 
 
 def one_cycle(model: nn.Module, epochs: int, rate: float = 3e-3) -> tuple[torch.optim.Optimizer, Any]:
-    """Adam with a rate that rises to `rate` over 30% of `epochs`, then falls to almost 0 (Smith and Topin 2019)."""
+    """Return Adam with a rate that rises to `rate` in 30% of `epochs`, then falls to about 0 (Smith and Topin 2019)."""
 
     def share(epoch: int) -> float:
         done = min((epoch + 0.5) / epochs, 1.0)

@@ -1,4 +1,4 @@
-"""The processes that train together."""
+"""Processes that train together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from nvsdata.common.files import claimed
 
 @dataclass(frozen=True)
 class Team:
-    """The processes that train together, seen from one of them. Rank 0 writes and prints."""
+    """Processes that train together, from the view of one of them. Rank 0 writes and prints.
+
+    Args:
+        device: Device of this process.
+        rank: Number of this process (default 0).
+        count: Number of processes (default 1).
+    """
 
     device: torch.device
     rank: int = 0
@@ -24,17 +30,17 @@ class Team:
 
     @property
     def workers(self) -> int:
-        """Processes that prepare samples; they and torch's threads share the cores."""
+        """Number of processes that prepare samples; they and torch's threads share the cores."""
         return max(1, min(4, (os.cpu_count() or 2) // (2 * self.count)))
 
     def barrier(self) -> None:
-        """Until all have come here."""
+        """Wait until all processes have called this."""
         if self.count > 1:
             distributed.barrier()
 
     @contextmanager
     def claiming(self, out: Path) -> Iterator[None]:
-        """Make the folder `out` and write to it alone while the block runs; what killed runs left there is swept.
+        """Create the folder `out` and lock it while the block runs. Remnants of killed runs are removed.
 
         Raises OutputInUse if another run writes to it.
         """
@@ -46,14 +52,27 @@ class Team:
             yield
 
     def print(self, text: str) -> None:
-        """Print, once for all."""
+        """Print a text, in the first process only."""
         if self.rank == 0:
             print(text, flush=True)
 
 
 @contextmanager
 def team(device: str | None = None) -> Iterator[Team]:
-    """Join the processes that torchrun started, or be alone. Without `device` a GPU if there is one, else the CPU."""
+    """Join the processes that torchrun started, or train alone.
+
+    Args:
+        device: Device (default None: a GPU if there is one, otherwise the CPU).
+
+    Yields:
+        The `Team`.
+
+    Example:
+        >>> from nvsdata import training
+        >>> with training.team("cpu") as team:
+        ...     team.count
+        1
+    """
     name = device or ("cuda" if torch.cuda.is_available() else "cpu")
     count = int(os.environ.get("WORLD_SIZE", "1"))
     if count == 1:

@@ -1,4 +1,4 @@
-"""Report of a training: numbers in `report.json`, and figures of them."""
+"""Report of a training: numbers in `report.json`, and figures."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ SHOWN = 48  # mistakes on the contact sheet
 def write_report(
     trainer: Trainer, test: Callable[[Any], Any], transform: Any, votes: Votes, classes: Sequence[str]
 ) -> None:
-    """Write `report.json` and pictures of it to the training's folder; pictures of nothing are removed.
-
-    - `trainer`: of the network, which is run again for windows of other lengths
-    - `test`: gives the dataset that was tested on, with a transform, such as `TrainTestSplit.test`
-    - `transform`: makes the network's input from a recording
-    - `votes`: what the network says of these recordings
-    - `classes`: their names
+    """Write `report.json` and its figures to the training's folder; figures without data are removed.
 
     All processes of a team must call it; the first one writes.
+
+    Args:
+        trainer: Trainer of the network, which is run again for windows of other lengths.
+        test: Function from a transform to the test dataset, such as `TrainTestSplit.test`.
+        transform: Transform from a recording to the network's input.
+        votes: The network's predictions for the test recordings.
+        classes: Class names.
     """
     by_length = accuracy_by_length(trainer, test, transform)
     if trainer.team.rank:

@@ -1,10 +1,12 @@
-"""Folder of a run: the checkpoint from which it resumes, and a log of its epochs."""
+"""Run of a training: its checkpoint and log, TensorBoard, and the end of its command line."""
 
 from __future__ import annotations
 
 import io
 import json
+import sys
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -12,19 +14,23 @@ from typing import Any, Self
 import torch
 from torch.optim import Optimizer
 
-from nvsdata.common.errors import FormatError, line_of
+from nvsdata.common.errors import FormatError, line_of, shown
 from nvsdata.common.files import append_own, json_line, named, put, write_all
+from nvsdata.common.signals import end_of, ending_by_signals, exit_code
+from nvsdata.common.terminal import escaped_output
+from nvsdata.training.processes import Team
 
-CHECKPOINT, LOG = "checkpoint.pt", "log.jsonl"
+CHECKPOINT, LOG, TENSORBOARD = "checkpoint.pt", "log.jsonl", "tensorboard"
 # epochs in the checkpoint of each training of this process, by its folder: what a later run can continue from
 FINISHED: dict[Path, int] = {}
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A training after `epoch` of `epochs` epochs.
+    """Training after `epoch` of `epochs` epochs.
 
-    `data` is what it trains on, `log` the line of each epoch so far, the others are states of its parts.
+    `data` describes the training data, `log` has the line of each epoch so far, the other fields are states of the
+    network, optimizer and schedule.
     """
 
     epoch: int
@@ -46,7 +52,7 @@ class Checkpoint:
         json.dumps((self.data, self.log))  # TypeError if they are more than JSON
 
     def write(self, out: Path) -> None:
-        """Put it in the place of the one before. OSError if the disk is full; then that one stays."""
+        """Replace the previous checkpoint. OSError if the disk is full; the previous one remains then."""
         # torch's own writer tells of a full disk by its inner troubles
         whole = io.BytesIO()
         torch.save(vars(self), whole)
@@ -68,9 +74,9 @@ class Checkpoint:
 
 
 def restore(part: Any, state: dict[str, Any]) -> None:
-    """Give a network, optimizer or schedule a state from a file; ValueError for one that can't be its own.
+    """Restore the state of a network, optimizer or schedule from a file. ValueError for a state that doesn't fit.
 
-    torch checks names and sizes of a network's weights; of optimizers and schedules it takes any state as it is.
+    torch checks names and sizes of a network's weights, but accepts any state of optimizers and schedules.
     """
     mine = part.state_dict()
     if isinstance(part, Optimizer):
@@ -84,7 +90,7 @@ def restore(part: Any, state: dict[str, Any]) -> None:
 
 
 def _fits(kept: Any, weights: list[torch.Tensor]) -> bool:
-    """Return True if a saved optimizer state fits its weights: by their numbers, the same of each, of their sizes."""
+    """Return True if a saved optimizer state fits its weights in number, names and sizes."""
     if not isinstance(kept, dict) or not all(n in range(len(weights)) and isinstance(kept[n], dict) for n in kept):
         return False
     pairs = [(value, weights[n]) for n, of_one in kept.items() for value in of_one.values()]
@@ -105,11 +111,82 @@ def _alike(a: Any, b: Any) -> bool:
 
 
 def write_log(out: Path, lines: list[dict[str, Any]]) -> None:
-    """The log as a checkpoint has it: what a kill or a full disk left of it beyond, or torn, is gone."""
+    """Write the log of a checkpoint. Later or incomplete lines, which a kill or a full disk left, are removed."""
     put(out / LOG, "".join(map(json_line, lines)).encode())
 
 
 def add_to_log(out: Path, line: dict[str, Any]) -> None:
-    """Add the line of an epoch."""
+    """Append the line of an epoch."""
     with named(out / LOG), append_own(out / LOG) as log:
         write_all(log.fileno(), json_line(line).encode())
+
+
+def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
+    """Return a function for `Trainer.watch` that writes the numbers of each epoch to `out/tensorboard` as scalars.
+
+    TensorBoard no longer shows values of earlier runs in that folder.
+
+    Args:
+        out: Folder of the training.
+        team: The processes that train together; the first one writes.
+
+    Returns:
+        The function, which takes the line of an epoch.
+
+    Raises:
+        ImportError: Without `nvsdata[tensorboard]`.
+    """
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        raise ImportError("--tensorboard needs the package: pip install 'nvsdata[tensorboard]'") from None
+    if team.rank:
+        return lambda line: None  # the trainer doesn't call it there
+    # every epoch so far comes again: TensorBoard drops those that it got before
+    writer = SummaryWriter(str(out / TENSORBOARD), purge_step=1)
+
+    def see(line: dict[str, Any]) -> None:
+        for name, value in line.items():
+            if name != "epoch":
+                writer.add_scalar(name, value, line["epoch"])
+        # or the last epochs would be lost to a kill
+        writer.flush()
+
+    return see
+
+
+def run(main: Callable[[], None], hint: str | None = None) -> None:
+    """Call a recipe's `main`, and end in one line if it is interrupted or if data or settings are invalid.
+
+    Args:
+        main: The function.
+        hint: How to continue after an interrupt (default None: by `--resume`, if an epoch of a `Trainer` was finished).
+
+    Raises:
+        SystemExit: After an interrupt, OSError, ValueError or ImportError.
+
+    Example:
+        >>> from nvsdata import training
+        >>> training.run(lambda: print("trained"))
+        trained
+    """
+    try:
+        with ending_by_signals(), escaped_output():
+            main()
+    except KeyboardInterrupt as error:
+        hint = _hint() if hint is None else hint
+        print(f"{end_of(error)}: {hint}" if hint else end_of(error), file=sys.stderr)
+        sys.exit(exit_code(error))
+    except (OSError, ValueError, ImportError) as error:
+        text = str(error)
+        # a loader's worker sends its traceback, whose last line tells
+        if text.startswith("Caught "):
+            text = text.rstrip().splitlines()[-1].partition(": ")[2]
+        sys.exit(f"{Path(sys.argv[0]).name}: {shown(text)}")
+
+
+def _hint() -> str:
+    """Return how to continue, by the checkpoints that this process has written."""
+    if any(FINISHED.values()):
+        return "--resume continues from the last epoch"
+    return "no epoch was finished, so that there is nothing to continue from" if FINISHED else ""

@@ -1,4 +1,4 @@
-"""The numbers that a training came to, from what its network said of test recordings."""
+"""Results of a training, from its network's predictions for test recordings."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from nvsdata.training.evaluation import Votes
 
 @dataclass(frozen=True)
 class Summary:
-    """The numbers of a classifier, of one window (first) and of the windows together (second).
+    """Results of a classifier; pairs are of single windows (first) and of votes (second).
 
-    - `accuracy`: over all
-    - `classes`: accuracy of each class [num_classes]; `counts`: recordings of each
-    - `calibration`: of each
-    - `confusion`: of the windows together [num_classes, num_classes]
-    - `by_votes`: accuracy if 1, 2, ... windows vote
-    - `size`: (rounds, windows, recordings)
+    Args:
+        accuracy: Accuracy over all recordings.
+        classes: Accuracy of each class [num_classes].
+        counts: Recordings of each class [num_classes].
+        calibration: Calibration.
+        confusion: Confusion matrix of the votes [num_classes, num_classes].
+        by_votes: Accuracy if 1, 2, ... windows vote.
+        size: (rounds, windows, recordings).
     """
 
     accuracy: tuple[float, float]
@@ -35,13 +37,14 @@ class Summary:
 
 @dataclass(frozen=True)
 class Mistake:
-    """A recording that a vote took for another class.
+    """Recording that at least one vote misclassified.
 
-    - `index`: of the recording
-    - `true`: its class
-    - `named`: the class that it was taken for; -1 for none, where scores are NaN
-    - `confidence`: the vote's probability of that class
-    - `wrong`: share of the votes on this recording that are wrong
+    Args:
+        index: Index of the recording.
+        true: Its class.
+        named: Predicted class; -1 for none, where scores are NaN.
+        confidence: Probability of the predicted class.
+        wrong: Fraction of the votes on this recording that are wrong.
     """
 
     index: int
@@ -52,7 +55,7 @@ class Mistake:
 
 
 def summarized(votes: Votes) -> Summary:
-    """The numbers of a network's votes. The confidence of a vote is that of its mean log-probabilities."""
+    """Summarize a network's votes. The confidence of a vote is that of its mean log-probabilities."""
     voters, targets = votes.voters.numpy(), votes.targets.numpy()
     rounds, windows, recordings, classes = voters.shape
     named, wanted, sure = [], [], []
@@ -75,7 +78,7 @@ def summarized(votes: Votes) -> Summary:
 
 
 def mistakes_of(votes: Votes) -> list[Mistake]:
-    """Recordings that at least one vote took for another class, by the most confident such vote, highest first."""
+    """Return misclassified recordings, each by its most confident wrong vote, highest confidence first."""
     named, confidence = metrics.predictions(votes.voters.mean(1).numpy())
     targets = votes.targets.numpy()
     wrong = named != targets
@@ -94,7 +97,7 @@ def as_json(
     samples: Sequence[Any],
     classes: Sequence[str],
 ) -> dict[str, Any]:
-    """All numbers, classes by name; what there is none of is None. `samples` are the dataset's."""
+    """Return all results with classes by name; undefined values are None. `samples` are the dataset's."""
     rounds, windows, recordings = summary.size
     one, together = (dict(zip(classes, values.tolist(), strict=True)) for values in summary.classes)
     counts = dict(zip(classes, summary.counts.tolist(), strict=True))

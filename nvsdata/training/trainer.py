@@ -1,7 +1,7 @@
-"""A trainer of classifiers that logs, keeps checkpoints and resumes, alone or in several processes.
+"""Trainer of classifiers that logs, keeps checkpoints and resumes, in one process or several.
 
-Every draw depends on the seed, the epoch and the sample, so a resumed run is the same as one that wasn't
-stopped, and processes that share the batches (torchrun) train as one process does.
+Random numbers depend only on the seed, the epoch and the sample. So a resumed run has the results of an uninterrupted
+one, and processes that share the batches (torchrun) train like a single process.
 """
 
 from __future__ import annotations
@@ -28,23 +28,41 @@ from nvsdata.training.processes import Team
 
 
 class Trainer:
-    """Trains a classifier by cross entropy.
+    """Trainer of a classifier by cross entropy.
 
-    `out/log.jsonl` gets a JSON line per epoch, `out/checkpoint.pt` the state after it.
+    After each epoch, `out/log.jsonl` gets a line of JSON, and `out/checkpoint.pt` the state.
 
-    - `model`: the network, on the team's device
-    - `optimizer`, `schedule`: the schedule steps once per epoch
-    - `out`: the training's folder, which is made
-    - `data`: what is trained on (see `data_of`), and how; kept with checkpoint and network, together with `batch`
-      and `smoothing`: a run that goes on must have the same
-    - `epochs`: how many there are to be in all; `done` says how many there were
-    - `batch`: samples per step, over all processes
-    - `team`: the processes that train together
-    - `seed`: of shuffling, transforms and dropout (default 0)
-    - `smoothing`: share of a target's probability that goes to all classes alike (default 0.0)
-    - `resume`: go on from the checkpoint, if there is one (default False)
+    Args:
+        model: The network, on the team's device.
+        optimizer: Optimizer of its parameters.
+        schedule: Learning rate schedule, which steps once per epoch.
+        out: Folder of the training, which is created.
+        data: Description of the training data (see `data_of`) and protocol. Checkpoint and network contain it, with
+            `batch` and `smoothing`. A resumed run must have the same.
+        epochs: Number of epochs in all; `done` is the number so far.
+        batch: Samples per step, over all processes.
+        team: The processes that train together.
+        seed: Seed of shuffling, transforms and dropout (default 0).
+        smoothing: Label smoothing: fraction of a target's probability that is spread over all classes (default 0.0).
+        resume: True to continue from the checkpoint, if there is one (default False).
 
-    Raises ValueError for a checkpoint of a run of other data or settings, FormatError for a damaged one.
+    Raises:
+        ValueError: For a checkpoint of a run with other data or settings.
+        FormatError: For a damaged checkpoint.
+
+    Example:
+        >>> import tempfile, torch
+    >>> from pathlib import Path
+        >>> from nvsdata import training
+        >>> model = torch.nn.Linear(2, 3)
+        >>> optimizer, schedule = training.adam(model, 2, (60, 110))
+        >>> dataset = [(torch.zeros(2), 0), (torch.ones(2), 1)]
+        >>> with tempfile.TemporaryDirectory() as folder, training.team("cpu") as team:
+        ...     out = training.runs.Path(folder)
+        ...     trainer = training.Trainer(model, optimizer, schedule, out, data={}, epochs=2, batch=2, team=team)
+        ...     trainer.done
+        batch 2, smoothing 0.0
+        0
     """
 
     def __init__(
@@ -78,20 +96,27 @@ class Trainer:
 
     @property
     def done(self) -> int:
-        """Epochs so far."""
+        """Number of epochs so far."""
         return len(self.lines)
 
     @property
     def parts(self) -> dict[str, Any]:
-        """The parts whose state a checkpoint contains."""
+        """Objects whose state a checkpoint contains."""
         return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
 
     def fit(self, train_set: Any, evaluate: Callable[[int], dict[str, Any]]) -> dict[str, Any]:
-        """Train on `train_set`, whose samples are `(input, target)`; returns the last epoch's line.
+        """Train the network.
 
-        `evaluate` is given the number of epochs done, after each, and what it says goes into the line.
-        ValueError if the last batch of an epoch has fewer samples than there are processes, or the loss becomes NaN or
-        infinite: then the checkpoint is the last one before.
+        Args:
+            train_set: Dataset of `(input, target)`.
+            evaluate: Function from the number of finished epochs to results, which are added to the line of the epoch.
+
+        Returns:
+            The line of the last epoch.
+
+        Raises:
+            ValueError: If the last batch of an epoch has fewer samples than there are processes, or if the loss becomes
+                NaN or infinite. The checkpoint is then that of the epoch before.
         """
         left = len(train_set) % self.batch
         if 0 < left < self.team.count or self.batch < self.team.count:
@@ -124,20 +149,20 @@ class Trainer:
         return self.lines[-1] if self.lines else {}
 
     def watch(self, see: Callable[[dict[str, Any]], None]) -> None:
-        """Call `see` with the line of each epoch, in the first process: with those so far now, then as they end."""
+        """Call `see` with the line of each epoch, in the first process: now for those so far, then after each."""
         if self.team.rank == 0:
             for line in self.lines:
                 see(line)
         self._watchers.append(see)
 
     def publish(self, classes: list[str], transform: Any, metrics: dict[str, Any]) -> None:
-        """Keep the network in `out/model.safetensors`, for `models.load`."""
+        """Save the network as `out/model.safetensors`, for `models.load`."""
         if self.team.rank == 0:
             kept = {"classes": classes, "transform": transform, "metrics": metrics, "data": self.data}
             models.save(self.model, self.out / "model.safetensors", **kept)
 
     def _epoch(self, model: nn.Module, batches: Iterator[Any], steps: int, title: str) -> dict[str, float]:
-        """One pass over the training set: mean loss and accuracy."""
+        """Train for one epoch, and return mean loss and accuracy."""
         model.train()
         device = self.team.device
         sums = torch.zeros(3, dtype=torch.float64, device=device)  # loss, right, seen

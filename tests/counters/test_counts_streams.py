@@ -8,8 +8,7 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.data.events import Columns
 from nvsdata.kernels import _native
-from nvsdata.models.incremental.causal import IncrementalCausalNetwork
-from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
+from nvsdata.models.incremental.network import IncrementalCausalNetwork, IncrementalNetwork, NetworkLayers
 
 pytestmark = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indices counts them")
 SMALL = {"channels": (4, 6, 5), "hidden": 9, "sensor_size": (128, 128)}

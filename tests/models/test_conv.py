@@ -147,7 +147,7 @@ def test_unknown_convolutions():
         models.gcnn("n-mnist", convolution="gat")
     with pytest.raises(ValueError, match=r"convolution must be one of \('spline', .*, or a class of your own, not 3"):
         models.RGCNN(10, convolution=3)
-    with pytest.raises(ValueError, match=r"convolution must give a torch\.nn\.Module, not 8"):
+    with pytest.raises(ValueError, match=r"convolution must return a torch\.nn\.Module, not 8"):
         models.RGCNN(10, convolution=lambda a, b: 8)
 
 

@@ -224,7 +224,7 @@ def test_graphs_of_a_smaller_sensor_or_of_none_that_is_known():
             r"convolution must be one of \('spline', 'gcn', .*, or a class of your own, not 'sage'",
         ),
         ({"convolution": 5}, "or a class of your own, not 5"),
-        ({"convolution": lambda a, b: (a, b)}, r"convolution must give a torch.nn.Module, not \(1, 32\)"),
+        ({"convolution": lambda a, b: (a, b)}, r"convolution must return a torch.nn.Module, not \(1, 32\)"),
     ],
 )
 def test_settings_that_make_no_network(settings, reason):

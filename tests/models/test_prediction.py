@@ -142,7 +142,7 @@ def test_nan_names_no_class(trained, events):
     with torch.no_grad():
         trained.model.classify.bias[1] = torch.nan
     assert trained.predict_proba(events).isnan().any()
-    with pytest.raises(ValueError, match="the network gives NaN for 1 of 1 recordings"):
+    with pytest.raises(ValueError, match="the network's scores are NaN for 1 of 1 recordings"):
         trained.predict(events)
 
 
@@ -170,5 +170,5 @@ def test_recordings_without_scores_are_counted(events):
             scores = super().forward(batch)
             return scores if len(self.given) == 2 else scores * torch.nan
 
-    with pytest.raises(ValueError, match="the network gives NaN for 2 of 3 recordings"):
+    with pytest.raises(ValueError, match="the network's scores are NaN for 2 of 3 recordings"):
         Trained(Some(), (), POINTS, {}, {}).predict([events] * 3)

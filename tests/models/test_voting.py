@@ -1,6 +1,6 @@
 import torch
 
-from nvsdata.models.voting import vote
+from nvsdata.models.prediction import vote
 
 
 def test_a_vote_is_the_geometric_mean_of_probabilities():

@@ -85,7 +85,7 @@ def test_a_network_that_fails_is_told_and_the_recording_goes_on(decider):
         deciding.add(report, block(0, 10))
         deciding.join(10)
         deciding.add(report, block(2_000, 10))
-    assert "fall back in time" in str(deciding.error)
+    assert "go back in time" in str(deciding.error)
 
 
 def test_record_with_a_model(tmp_path, capsys):

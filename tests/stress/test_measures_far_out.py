@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from nvsdata import Events, metrics
 from nvsdata.kernels.metrics.distances import nearest
 from nvsdata.kernels.metrics.earth_mover import least_work
-from nvsdata.models.voting import vote
+from nvsdata.models.prediction import vote
 from nvsdata.training.evaluation import share_right
 
 EDGE = 32_766  # the last pixel of the largest sensor

@@ -6,7 +6,7 @@ from torch import nn
 
 from nvsdata import models
 from nvsdata.models.distributed import Dropout
-from nvsdata.models.voting import vote
+from nvsdata.models.prediction import vote
 from nvsdata.training import Team, accuracies, votes
 from nvsdata.training.evaluation import predict, share_right
 

@@ -134,5 +134,5 @@ def test_a_network_follows_what_passes_a_sampler():
     live.reset()
     live.feed(events)
     assert len(live) == len(expected)
-    with pytest.raises(ValueError, match=r"NonUniformSample\(.*\) can't stream: samplers that look back only can"):
+    with pytest.raises(ValueError, match=r"NonUniformSample\(.*\) can't stream: causal filters can"):
         models.stream(network, sampler=T.NonUniformSample(8))

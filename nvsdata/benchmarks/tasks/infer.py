@@ -229,7 +229,7 @@ def _voted(options: Options, votes: int) -> Ready:
         events = next(recordings)
         with torch.inference_mode():
             scores = model(GraphBatch.from_graphs([graph_of(events) for _ in range(votes)]).to(options.device))
-        return int(models.voting.vote(scores).argmax().item())
+        return int(models.prediction.vote(scores).argmax().item())
 
     return Ready(run, lambda found: VOTED[votes])
 

@@ -1,4 +1,4 @@
-"""Graph networks that follow events: what they need of a network, and its rows in a window that slides."""
+"""Networks for incremental inference: the layers that it uses, and the rows of a sliding window."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from nvsdata.data.events import Columns
 from nvsdata.data.graph import Graph
 from nvsdata.data.grid import to_grid
 from nvsdata.data.pseudo import axes
+from nvsdata.kernels.streaming.causal import CausalNetwork
 from nvsdata.kernels.streaming.network import Layer, streaming_network
 from nvsdata.kernels.streaming.sliding import SlidingNetwork
 from nvsdata.models.fusing import fused
@@ -27,11 +28,16 @@ MOST_NEIGHBORS = 1_024  # of a node; each event has room for all
 
 
 class NetworkLayers:
-    """Layers that incremental inference uses: convolutions, the pooling of each, and the fully connected layers.
+    """Layers that incremental inference uses: convolutions, the pooling after each, and the fully connected layers.
 
-    - `channels`: features of a node of `graph`
+    Args:
+        model: Network in evaluation mode.
+        graph: Transform that makes the edges.
+        channels: Features of a node of `graph` (default 1).
 
-    ValueError, with the name of a part, for a network that can't, and for graphs without bound in space.
+    Raises:
+        ValueError: For a network with a layer that can't stream (the message names it), and for graphs without bound in
+            space.
     """
 
     def __init__(self, model: nn.Module, graph: Any, channels: int = 1) -> None:
@@ -86,7 +92,7 @@ class NetworkLayers:
 
     @cached_property
     def weights(self) -> Any:
-        """The kernels' copies of weights and settings, which all states share."""
+        """Weights and settings in the kernels' format, shared by all states."""
         layers, reach = [], self.graph.reach(self.sensor_size)
         for conv, loops, pool in zip(self.convolutions, self.loops, self.pools, strict=True):
             own = _array(conv.root) if conv.root is not None else np.zeros(conv.weight.shape[1:], np.float32)
@@ -101,31 +107,45 @@ class NetworkLayers:
         return streaming_network(self.sensor_size, metric, int(self.graph.max_degree), layers, hidden)
 
     def scores(self, hidden: np.ndarray) -> torch.Tensor:
-        """Class scores from the sums of the hidden layer."""
+        """Return class scores from the sums of the hidden layer."""
         (_, bias), (classify, last) = self._weights
         return torch.from_numpy((classify @ np.maximum(hidden + bias, 0) + last).astype(np.float32))
 
     def as_grid(self, shown: np.ndarray) -> torch.Tensor:
-        """Features of cells [cells, C] as Graph2Grid has them, [C, rows, columns]."""
+        """Arrange features of cells [cells, C] as `Graph2Grid` does, [C, rows, columns]."""
         columns, rows = self.grid
         return torch.from_numpy(shown.T.reshape(-1, rows, columns).copy())
 
     def grid_of(self, graph: Graph) -> torch.Tensor:
-        """The same of a graph, computed as a whole."""
+        """Return the grid of a graph, computed from the entire graph, [C, rows, columns]."""
         with torch.no_grad():
             batch = self.body(input_of(self.model, graph))
         return to_grid(batch.x, batch.pos, batch.batch, 1, 1, self.cluster, self.grid)[0, :, 0]
 
 
 class IncrementalNetwork(SlidingNetwork):
-    """A network's rows for the events in a window that slides."""
+    """Rows of a network for the events in a sliding window."""
 
     def __init__(self, network: NetworkLayers) -> None:
         super().__init__(network.weights, network.shape, network.units)
 
     def columns(self) -> Columns:
-        """The events."""
+        """Return the events."""
         return Columns(*self.events())
+
+
+class IncrementalCausalNetwork(CausalNetwork):
+    """Rows of a network on a causal graph, each computed once.
+
+    ValueError for average pooling.
+    """
+
+    def __init__(self, network: NetworkLayers, window: int | None) -> None:
+        pool = network.pools[-1]
+        assert pool is not None, "the last block is pooled"
+        if pool.mode != "max":
+            raise ValueError(f"{pool} can't stream on a causal graph: mode 'max' can")
+        super().__init__(network.weights, window, network.shape, network.units)
 
 
 def _array(parameter: torch.Tensor) -> np.ndarray:

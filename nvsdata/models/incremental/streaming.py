@@ -1,4 +1,4 @@
-"""Graph networks whose scores follow events: only rows that change are computed (thesis 6.2)."""
+"""Incremental inference: class scores of a stream of events, by updates of changed rows (thesis, section 6.2)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ from torch import nn
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Columns, Events, check_inside, concatenate
 from nvsdata.data.graph import Graph
-from nvsdata.models.incremental.causal import IncrementalCausalNetwork
-from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
+from nvsdata.models.incremental.network import IncrementalCausalNetwork, IncrementalNetwork, NetworkLayers
 from nvsdata.transforms.compose import Compose
 from nvsdata.transforms.events.causal_filters import CausalFilter
 from nvsdata.transforms.graphs.edges import RadiusGraph
 from nvsdata.transforms.graphs.features import NodeFeatures
 
 FOREVER = 2**62  # µs, longer than any window
-MANY = 24  # part of the window's events that come or go from which the whole is computed
-CALM = 2  # steps with few changes in a row from which rows are kept
+MANY = 24  # if more than 1/24 of the window's events enter or leave, the entire window is computed
+CALM = 2  # consecutive steps with few changes after which rows are kept
 
 
 def stream(
@@ -29,26 +28,38 @@ def stream(
     graph: RadiusGraph | NodeFeatures | None = None,
     sampler: CausalFilter | None = None,
 ) -> Stream | CausalStream:
-    """An object that is fed events, and has a network's scores of the last `window` µs at any moment; see `Stream`.
+    """Return a stream that is fed events and has a network's scores of the last `window` µs at any moment.
 
-    - `model`: an `RGCNN` or `GCNN` of B-spline convolutions, as trained, or an `RGCNN3D`, whose graph part streams:
-      `grid()` then has the window's frame for the 3D CNN
-    - `window`: µs up to the last event, its own included, whose events count (default 30,000); None for all
-    - `graph`: that the network was trained with (default `RadiusGraph()`). A causal one needs a network that pools
-      after its last block only (clusters of None before); a row is final then once it is computed, see `CausalStream`.
-      With `NodeFeatures` of a `RadiusGraph` the whole window is computed at each decision, because features such as
-      `Patch` change with every event around a node
-    - `sampler`: that events pass first, such as `transforms.RateLimit` (default: none)
+    Args:
+        model: Trained `RGCNN` or `GCNN` of B-spline convolutions, in evaluation mode; or an `RGCNN3D`, whose graph part
+            streams: `grid()` then returns the window's frame for the 3D CNN.
+        window: Length in µs (default 30,000). The window ends with the last event, inclusive. None for all events.
+        graph: Graph that the network was trained with (default `RadiusGraph()`). A causal graph needs a network that
+            pools after its last block only (clusters of None before); its rows are computed once, see `CausalStream`.
+            With `NodeFeatures` of a `RadiusGraph` the entire window is computed at each decision, because features such
+            as `Patch` change with every event around a node.
+        sampler: Filter that events pass first, such as `transforms.RateLimit` (default: none).
 
-    ValueError for a network in training mode, or one that can't stream, by the name of its part, for graphs without
-    bound in space, and for a window below 1 µs.
+    Returns:
+        A `CausalStream` for a causal graph, otherwise a `Stream`.
+
+    Raises:
+        ValueError: For a network in training mode, a network with a layer that can't stream (the message names it),
+            graphs without bound in space, and a window below 1 µs.
+
+    Example:
+        >>> from nvsdata import Events, models
+        >>> live = models.stream(models.rgcnn("n-mnist").eval(), window=30_000)
+        >>> live.feed(Events([0, 900], [3, 4], [5, 5], [1, 0], (34, 34)))
+        >>> live.scores().shape
+        torch.Size([10])
     """
     graph = graph or RadiusGraph()
     if isinstance(graph, NodeFeatures):
         if not graph.deterministic:
             raise ValueError(f"{graph} can't stream: it isn't deterministic")
         if getattr(_edges_of(graph), "causal", False):
-            raise ValueError(f"{graph} can't stream on a causal graph: its features know events to come")
+            raise ValueError(f"{graph} can't stream on a causal graph: its features depend on later events")
     kind = CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream
     return kind(model, window, graph, sampler)
 
@@ -63,14 +74,14 @@ def _edges_of(graph: Any) -> Any:
 
 
 class _IncrementalInference(ABC):
-    """Incremental inference of a network in a window, on a graph."""
+    """Base of `Stream` and `CausalStream`: a network, a window that slides, a graph and a sampler."""
 
     def __init__(self, model: nn.Module, window: int | None, graph: Any, sampler: CausalFilter | None) -> None:
         if window is not None:
             whole("window", window, 1)
             window = min(int(window), FOREVER)
         if sampler is not None and not isinstance(sampler, CausalFilter):
-            raise ValueError(f"{sampler} can't stream: samplers that look back only can, such as RateLimit")
+            raise ValueError(f"{sampler} can't stream: causal filters can, such as RateLimit")
         self.window, self.graph, self.sampler = window, graph, sampler
         self._has_features = isinstance(graph, NodeFeatures)
         channels = graph(Events.empty((1, 1))).x.shape[1] if self._has_features else 1
@@ -85,9 +96,10 @@ class _IncrementalInference(ABC):
         self._sieve = self.sampler.begin(self._network.sensor_size) if self.sampler else None
 
     def feed(self, events: Events) -> None:
-        """Take events, any number, none of them before one that was fed.
+        """Add any number of events. Their times must not precede those of events that were fed before.
 
-        ValueError for events that fall back in time, those of a sensor larger than the network's, and those outside it.
+        ValueError for events that go back in time, events of a sensor larger than the network's, and events outside the
+        sensor.
         """
         width, height = self._network.sensor_size
         if events.sensor_size[0] > width or events.sensor_size[1] > height:
@@ -100,19 +112,19 @@ class _IncrementalInference(ABC):
         if self._last is None:
             self._origin = first
         elif first < self._last:
-            raise ValueError(f"events fall back in time: to {first} µs, after {self._last}")
+            raise ValueError(f"events go back in time: to {first} µs, after {self._last}")
         self._last = last
         columns = (self._sieve(events) if self._sieve else events).columns
         self._take(columns._replace(t=columns.t - self._origin))
 
     @property
     def _until(self) -> int:
-        """The time before which events are over, in the clock that begins with the first one."""
+        """Time before which events have left the window, in µs since the first event."""
         return -FOREVER if self.window is None or self._last is None else self._last - self._origin - self.window + 1
 
     @abstractmethod
     def _take(self, columns: Columns) -> None:
-        """Take events that passed the sampler, perhaps none; those before `_until` are over."""
+        """Add events that passed the sampler, perhaps none. Events before `_until` have left the window."""
 
     @abstractmethod
     def __len__(self) -> int:
@@ -120,12 +132,12 @@ class _IncrementalInference(ABC):
 
     @abstractmethod
     def grid(self) -> torch.Tensor:
-        """Features of the last pooling as `Graph2Grid` has them, float32 [C, rows, columns], for a 3D CNN, say."""
+        """Return the features of the last pooling, as `Graph2Grid` arranges them: float32 [C, rows, columns]."""
 
     def scores(self) -> torch.Tensor:
-        """Class scores (logits) float32 [num_classes] of the events in the window; without any, of an empty graph.
+        """Return class scores (logits) float32 [num_classes] of the window; without events, of an empty graph.
 
-        ValueError for RGCNN3D, whose 3D CNN takes sequences: give it grids.
+        ValueError for RGCNN3D, whose 3D CNN takes sequences of grids.
         """
         if not self._network.has_scores:
             raise ValueError("the 3D CNN takes sequences: give it grids, grid() has that of the window")
@@ -136,20 +148,22 @@ class _IncrementalInference(ABC):
 
 
 class Stream(_IncrementalInference):
-    """A network that follows events; made by `stream`.
+    """Incremental inference of a network on a graph; made by `stream`.
 
-    Its scores are those of the network on `graph` of the events in the window, up to rounding, however events were cut.
-    Nothing is computed before scores are asked for; then, after few new events, only rows that changed, and after many
-    the whole window. Memory is in proportion to the most events that the window had, and to the pooled graphs' cells.
+    The scores are those of the network on `graph` of the events in the window, up to rounding, however the events were
+    divided into pieces. Nothing is computed until scores are requested. After few new events, only rows that changed
+    are computed; after many, the entire window. Memory grows with the largest number of events in the window, and with
+    the number of cells of the pooled graphs.
 
-    - `products`: multiplications since it was made or reset, in rows that changed
+    Attributes:
+        products: Number of multiplications in updated rows since construction or `reset`.
     """
 
     def reset(self) -> None:
         """Forget all events."""
         super().reset()
         self._waiting: list[Columns] = []
-        # events whose rows aren't kept, and how many steps with few changes there were since
+        # events whose rows aren't kept, and the number of consecutive steps with few changes
         self._held, self._calm = Columns.empty(0), 0
         self._live: IncrementalNetwork | None = None
         self._found: torch.Tensor | None = None
@@ -159,7 +173,7 @@ class Stream(_IncrementalInference):
         if columns.t.size:
             # copies, because the caller may use its arrays again
             self._waiting.append(Columns(columns.t, *(column.copy() for column in columns[1:])))
-        # pieces that are over needn't wait; looked for once a window, because there may be many
+        # drop pieces that have left the window; searched once per window, because there may be many
         if self._waiting and self._waiting[0].t[-1] < self._until - (self.window or 0):
             self._waiting = [piece for piece in self._waiting if piece.t[-1] >= self._until]
 
@@ -173,14 +187,14 @@ class Stream(_IncrementalInference):
         return self._found.clone()
 
     def grid(self) -> torch.Tensor:
-        """Features of the last pooling as `Graph2Grid` has them, float32 [C, rows, columns], for a 3D CNN, say."""
+        """Return the features of the last pooling, as `Graph2Grid` arranges them: float32 [C, rows, columns]."""
         self._catch_up()
         if self._live is not None:
             return self._network.as_grid(self._live.shown)
         return self._network.grid_of(self._graph_of_all())
 
     def _graph_of_all(self) -> Graph:
-        """The graph of the window, whose rows aren't kept."""
+        """Return the graph of the entire window, for which no rows are kept."""
         start, end = 0, 0
         if self._last is not None:
             end = self._last - self._origin
@@ -195,7 +209,7 @@ class Stream(_IncrementalInference):
         return self._held.t.size if self._live is None else len(self._live)
 
     def _catch_up(self) -> None:
-        """Take the events that wait."""
+        """Process the events that were fed since the last call."""
         until = self._until
         if not self._waiting and until == self._seen:
             return
@@ -227,14 +241,15 @@ class Stream(_IncrementalInference):
 
 
 class CausalStream(_IncrementalInference):
-    """A network on a causal graph that follows events; made by `stream`.
+    """Incremental inference of a network on a causal graph; made by `stream`.
 
-    An event's neighbors are among those that the window held when it came, its rows are computed once, at `feed`, and
-    the network sees the maxima over the events in the window. As long as none has gone, scores are those of the network
-    on `graph` of all events, up to rounding; afterwards events at the window's beginning still know their neighbors,
-    which a graph of the window alone lacks.
+    The neighbors of an event are among the events in the window at its time. Its rows are computed once, in `feed`. The
+    scores are computed from the maxima over the events in the window. Until the first event leaves the window, the
+    scores are those of the network on `graph` of all events, up to rounding. Afterwards, events at the beginning of the
+    window still include neighbors that have left it, unlike in a graph of the window alone.
 
-    - `products`: multiplications since it was made or reset
+    Attributes:
+        products: Number of multiplications since construction or `reset`.
     """
 
     def reset(self) -> None:
@@ -250,7 +265,7 @@ class CausalStream(_IncrementalInference):
         return self._network.scores(self._live.hidden)
 
     def grid(self) -> torch.Tensor:
-        """Features of the pooling as `Graph2Grid` has them, float32 [C, rows, columns]."""
+        """Return the features of the last pooling, as `Graph2Grid` arranges them: float32 [C, rows, columns]."""
         return self._network.as_grid(self._live.shown)
 
     def __len__(self) -> int:

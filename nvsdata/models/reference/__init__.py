@@ -1,4 +1,4 @@
-"""The networks with which the thesis compares its own (4.4.4, 3.5, appendices A and B)."""
+"""Baseline networks with which the thesis compares its own (sections 4.4.4 and 3.5, appendices A and B)."""
 
 from nvsdata.models.reference.c3d import C3D, MotionVector3D
 from nvsdata.models.reference.inception import I3D, InceptionV4

@@ -1,4 +1,7 @@
-"""3D CNNs without shortcuts: C3D (Tran et al. 2015; thesis B) and the motion-vector CNN (Chadha et al. 2017; 3.5.1)."""
+"""3D CNNs without shortcuts.
+
+C3D (Tran et al. 2015; thesis, appendix B) and the motion-vector CNN (Chadha et al. 2017; thesis, section 3.5.1).
+"""
 
 from __future__ import annotations
 
@@ -19,14 +22,23 @@ C3D_WIDTHS = ((64,), (128,), (256, 256), (512, 512), (512, 512))
 class C3D(Classifier):
     """C3D (Tran et al. 2015): 3x3x3 convolutions with ReLU, five poolings (the first not in time), two hidden layers.
 
-    - `num_classes`: number of scores
-    - `in_channels`: (default 2)
-    - `hidden`: width of the hidden layers (default 4096)
-    - `dropout`: (default 0.5)
+    The network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes]. It is designed for
+    16 x 112 x 112. Feature maps of other sizes are averaged to the [1, 4, 4] that the fully connected layers take.
+    Poolings keep values left over at an edge, so 8 frames suffice.
 
-    Takes [B, in_channels, T, H, W], designed for 16 x 112 x 112; feature maps of other sizes are averaged to the
-    [1, 4, 4] that the fully connected layers take. Poolings keep values left over at an edge, so 8 frames suffice.
-    Gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    Args:
+        num_classes: Number of scores.
+        in_channels: Channels of a frame (default 2).
+        hidden: Width of the hidden layers (default 4096).
+        dropout: Probability of dropout after the hidden layers (default 0.5).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.reference.C3D(11, hidden=16).classify[-1].out_features
+        11
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 2, hidden: int = 4096, dropout: float = 0.5) -> None:
@@ -42,28 +54,40 @@ class C3D(Classifier):
         self.pool = nn.AdaptiveAvgPool3d((1, 4, 4))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes]."""
+        """Return class scores (logits) [B, num_classes]."""
         scores: torch.Tensor = self.classify(self.pool(self.features(x)).flatten(1))
         return scores
 
 
 @register_network("motion-vector-3d")
 class MotionVector3D(Classifier):
-    """The motion-vector CNN (Chadha et al. 2017; thesis 3.5.1), for long volumes with few pixels.
+    """Motion-vector CNN (Chadha et al. 2017; thesis, section 3.5.1), for long sequences of small frames.
 
     Convolutions of 3x3x3, each followed by a pooling of 2x2x2, two hidden layers with dropout, parametric ReLUs
-    throughout. The thesis refers to the paper for the widths; those here are ours, chosen to give about the number of
-    weights that it states, a third of that of an optical-flow network.
+    throughout. The thesis refers to the paper for the widths. The widths here are ours, chosen to give about the number
+    of weights that the thesis states, a third of that of an optical-flow network.
 
-    - `num_classes`: number of scores
-    - `frames`, `size`: frames and side in pixels of a volume (default 160 and 24)
-    - `in_channels`: (default 1)
-    - `widths`: channels of the convolutions (default 64, 128, 256, 256)
-    - `hidden`: width of the hidden layers (default 2048)
-    - `dropout`: (default 0.8)
+    The network takes [B, in_channels, frames, size, size] or, with one channel, [B, frames, size, size]. It returns
+    class scores (logits) [B, num_classes].
 
-    Takes [B, in_channels, frames, size, size] or, with one channel, [B, frames, size, size]; gives class scores
-    (logits) [B, num_classes]. ValueError for another shape.
+    Args:
+        num_classes: Number of scores.
+        frames: Frames of a sample (default 160).
+        size: Side of a frame in pixels (default 24).
+        in_channels: Channels of a frame (default 1).
+        widths: Channels of the convolutions (default (64, 128, 256, 256)).
+        hidden: Width of the hidden layers (default 2048).
+        dropout: Probability of dropout after the hidden layers (default 0.8).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> model = models.reference.MotionVector3D(5, frames=16, widths=(4, 8), hidden=16).eval()
+        >>> model(torch.zeros(1, 16, 24, 24)).shape
+        torch.Size([1, 5])
     """
 
     def __init__(
@@ -96,7 +120,7 @@ class MotionVector3D(Classifier):
         self.shape = (frames, size, size)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes]."""
+        """Return class scores (logits) [B, num_classes]."""
         if x.ndim == 4 and self.in_channels == 1:
             x = x.unsqueeze(1)
         if x.shape[2:] != self.shape:

@@ -15,7 +15,7 @@ LEAST = 75  # pixels: smaller images have no pixels left before the last reducti
 
 
 def _chain(in_channels: int, *layers: tuple[int, Sizes] | tuple[int, Sizes, int]) -> nn.Sequential:
-    """Convolutions (channels, size) that keep height and width, or (channels, size, stride) without padding."""
+    """Return convolutions (channels, size) that keep height and width, or (channels, size, stride) without padding."""
     chain = []
     for width, size, *stride in layers:
         kernel = (size, size) if isinstance(size, int) else size
@@ -85,14 +85,22 @@ def _reduction_b() -> nn.Module:
 
 @register_network("inception-v4")
 class InceptionV4(Classifier):
-    """Inception-v4 (Szegedy et al. 2017; thesis figs. A.1, A.2).
+    """Inception-v4 (Szegedy et al. 2017; thesis, figs. A.1, A.2).
 
-    - `num_classes`: number of scores
-    - `in_channels`: (default 2)
-    - `dropout`: before the last layer (default 0.2)
+    The network takes [B, in_channels, H, W] of at least 75x75 and returns class scores (logits) [B, num_classes].
 
-    Takes [B, in_channels, H, W] of at least 75x75, gives class scores (logits) [B, num_classes]. ValueError for
-    another shape or smaller images.
+    Args:
+        num_classes: Number of scores.
+        in_channels: Channels of an image (default 2).
+        dropout: Probability of dropout before the last layer (default 0.2).
+
+    Raises:
+        ValueError: For another shape or smaller images.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.NETWORKS["inception-v4"] is models.reference.InceptionV4
+        True
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 2, dropout: float = 0.2) -> None:
@@ -102,7 +110,7 @@ class InceptionV4(Classifier):
         super().__init__(nn.Sequential(_stem(in_channels), *modules), classify, 2, in_channels)
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
-        """Output of the last layer before the mean: [B, 1536, H', W']. ValueError for images that are too small."""
+        """Return the output of the last layer before the mean, [B, 1536, H', W']. ValueError below 75x75 pixels."""
         if x.ndim == 4 and min(x.shape[2:]) < LEAST:
             raise ValueError(f"images of {x.shape[3]}x{x.shape[2]} are too small, the minimum is {LEAST}x{LEAST}")
         return super().features(x)
@@ -124,14 +132,22 @@ I3D_MODULES = (
 
 @register_network("i3d")
 class I3D(Classifier):
-    """I3D (Carreira and Zisserman 2017; thesis fig. B.1): Inception-v1 inflated to three dimensions.
+    """I3D (Carreira and Zisserman 2017; thesis, fig. B.1): Inception-v1 inflated to three dimensions.
 
-    - `num_classes`: number of scores
-    - `in_channels`: (default 2)
-    - `dropout`: before the last layer (default 0.5)
+    The network takes [B, in_channels, T, H, W] with T at least 8 and returns class scores (logits) [B, num_classes].
 
-    Takes [B, in_channels, T, H, W] with T at least 8, gives class scores (logits) [B, num_classes]. ValueError for
-    another shape.
+    Args:
+        num_classes: Number of scores.
+        in_channels: Channels of a frame (default 2).
+        dropout: Probability of dropout before the last layer (default 0.5).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.NETWORKS["i3d"] is models.reference.I3D
+        True
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 2, dropout: float = 0.5) -> None:

@@ -15,7 +15,7 @@ Sizes = int | tuple[int, ...]
 
 
 def convolution(dimensions: int, *arguments: Any, **options: Any) -> nn.Module:
-    """`nn.Conv2d` or `nn.Conv3d`, with the initialization of He et al. (2015) for layers before a ReLU."""
+    """Return `nn.Conv2d` or `nn.Conv3d` with the initialization of He et al. (2015) for layers before a ReLU."""
     layer = (nn.Conv2d if dimensions == 2 else nn.Conv3d)(*arguments, **options)
     nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
     return layer
@@ -32,7 +32,7 @@ def conv(
     groups: int = 1,
     relu: bool = True,
 ) -> nn.Sequential:
-    """Convolution without bias, batch normalization and, unless `relu` is False, ReLU."""
+    """Return a convolution without bias, batch normalization and, unless `relu` is False, ReLU."""
     layers = [
         convolution(dimensions, in_channels, out_channels, kernel_size, stride, padding, groups=groups, bias=False),
         BatchNorm(out_channels),
@@ -41,7 +41,7 @@ def conv(
 
 
 def full(*widths: int, dropout: float = 0.5) -> nn.Sequential:
-    """Fully connected layers with ReLU and dropout between them."""
+    """Return fully connected layers with ReLU and dropout between them."""
     layers: list[nn.Module] = []
     for a, b in pairwise(widths[:-1]):
         layers += [nn.Linear(a, b), nn.ReLU(inplace=True), Dropout(dropout)]
@@ -49,7 +49,7 @@ def full(*widths: int, dropout: float = 0.5) -> nn.Sequential:
 
 
 class Classifier(nn.Module):
-    """A network in two parts: `maps` computes feature maps, `classify` scores from their mean over all positions."""
+    """Network in two parts: `maps` computes feature maps, `classify` scores from their mean over all positions."""
 
     def __init__(self, maps: nn.Module, classify: nn.Module, dimensions: int, in_channels: int) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class Classifier(nn.Module):
         self.dimensions, self.in_channels = dimensions, in_channels
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
-        """Output of the last layer before the mean: [B, C, H, W] or [B, C, T, H, W]."""
+        """Return the output of the last layer before the mean: [B, C, H, W] or [B, C, T, H, W]."""
         named = "[B, C, H, W]" if self.dimensions == 2 else "[B, C, T, H, W]"
         if x.ndim != self.dimensions + 2 or x.shape[1] != self.in_channels:
             raise ValueError(f"the network takes {named} with C = {self.in_channels}, not {list(x.shape)}")
@@ -65,6 +65,6 @@ class Classifier(nn.Module):
         return maps
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes]. ValueError for another shape than the network takes."""
+        """Return class scores (logits) [B, num_classes]. ValueError for another shape than the network takes."""
         scores: torch.Tensor = self.classify(self.features(x).flatten(2).mean(2))
         return scores

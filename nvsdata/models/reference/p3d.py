@@ -16,7 +16,10 @@ Variant = Literal["A", "B", "C", "2D"]
 
 
 class SpaceTime(nn.Module):
-    """A 1x3x3 convolution S and a 3x1x1 convolution T: A is T(S(x)), B is S(x) + T(x), C is S(x) + T(S(x)), 2D is S."""
+    """Convolutions S (1x3x3) and T (3x1x1), combined by `variant`.
+
+    A is T(S(x)), B is S(x) + T(x), C is S(x) + T(S(x)), 2D is S(x).
+    """
 
     def __init__(self, width: int, variant: Variant) -> None:
         super().__init__()
@@ -25,7 +28,7 @@ class SpaceTime(nn.Module):
         self.time = conv(3, width, width, (3, 1, 1), 1, (1, 0, 0)) if variant != "2D" else None
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, C, T, H, W] to the same shape."""
+        """Return an output of the shape of the input, [B, C, T, H, W]."""
         s: torch.Tensor = self.space(x)
         if self.time is None:
             return s
@@ -46,16 +49,24 @@ def _bottleneck(in_channels: int, width: int, stride: int, variant: Variant) -> 
 
 @register_network("p3d")
 class P3D(Classifier):
-    """P3D-63 (Qiu et al. 2017; thesis B): ResNet-50's bottlenecks with `SpaceTime` A, B, C in turn.
+    """P3D-63 (Qiu et al. 2017; thesis, appendix B): ResNet-50's bottlenecks with `SpaceTime` A, B and C alternating.
 
-    The number of frames is halved after the stem and after each of the first three stages; the last stage has only
-    2D convolutions.
+    The number of frames is halved after the stem and after each of the first three stages. The last stage has only 2D
+    convolutions. The network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes].
 
-    - `num_classes`: number of scores
-    - `depths`: blocks of each stage (default 3, 4, 6, 3)
-    - `in_channels`: (default 2)
+    Args:
+        num_classes: Number of scores.
+        depths: Blocks of each stage (default (3, 4, 6, 3)).
+        in_channels: Channels of a frame (default 2).
 
-    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.reference.P3D(11, depths=(1, 1)).eval()(torch.zeros(1, 2, 8, 16, 16)).shape
+        torch.Size([1, 11])
     """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:

@@ -1,6 +1,6 @@
-"""Networks for events as points or as a sequence (thesis Table 5.1): PointNet, PointNet++, LSTM.
+"""Networks for events as points or as a sequence (thesis, Table 5.1): PointNet, PointNet++, LSTM.
 
-They take [B, N, 4]: N events with x, y, t and polarity, as `T.Points` makes them.
+They take [B, N, 4]: N events with x, y, t and polarity, as `T.Points` returns them.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from nvsdata.models.registry import register_network
 
 
 def check_points(points: torch.Tensor, in_channels: int) -> None:
-    """ValueError unless the shape is [B, N, in_channels] with N > 0."""
+    """Raise ValueError unless the shape is [B, N, in_channels] with N > 0."""
     if points.ndim != 3 or points.shape[2] != in_channels or points.shape[1] == 0:
         raise ValueError(f"the network takes points [B, N, {in_channels}], not {list(points.shape)}")
 
 
 def shared_mlp(*widths: int) -> nn.Sequential:
-    """The same layers for each point: [B, C, ...] to [B, C', ...]."""
+    """Return layers that are applied to each point: [B, C, ...] to [B, C', ...]."""
     return nn.Sequential(*(conv(2, a, b, 1) for a, b in pairwise(widths)))
 
 
 def head(*widths: int, dropout: float) -> nn.Sequential:
-    """Fully connected layers with batch normalization and ReLU, and dropout before the last one."""
+    """Return fully connected layers with batch normalization and ReLU, and dropout before the last one."""
     layers: list[nn.Module] = []
     for a, b in pairwise(widths[:-1]):
         layers += [nn.Linear(a, b), BatchNorm(b), nn.ReLU(inplace=True)]
@@ -37,7 +37,7 @@ def head(*widths: int, dropout: float) -> nn.Sequential:
 
 
 class Alignment(nn.Module):
-    """A matrix [size, size], computed from all points and applied to each (PointNet's T-Net); at first the identity."""
+    """Matrix [size, size], computed from all points and applied to each (PointNet's T-Net); initially the identity."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class Alignment(nn.Module):
         nn.init.zeros_(last.bias)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, size, N, 1], transformed."""
+        """Transform points [B, size, N, 1]."""
         wide = self.points(x).amax((2, 3))
         matrix = self.matrix(wide).view(-1, self.size, self.size) + torch.eye(self.size, dtype=x.dtype, device=x.device)
         return torch.bmm(matrix, x.squeeze(3)).unsqueeze(3)
@@ -60,12 +60,21 @@ class Alignment(nn.Module):
 class PointNet(nn.Module):
     """PointNet (Qi et al. 2017): points aligned, a shared MLP, maximum over points, three fully connected layers.
 
-    - `num_classes`: number of scores
-    - `in_channels`: features per point (default 4)
-    - `dropout`: before the last layer (default 0.3)
+    The network takes points [B, N, in_channels] in any order and returns class scores (logits) [B, num_classes].
 
-    Takes points [B, N, in_channels] in any order, gives class scores (logits) [B, num_classes]. ValueError for
-    another shape.
+    Args:
+        num_classes: Number of scores.
+        in_channels: Features per point (default 4).
+        dropout: Probability of dropout before the last layer (default 0.3).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.reference.PointNet(11).eval()(torch.rand(1, 16, 4)).shape
+        torch.Size([1, 11])
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 4, dropout: float = 0.3) -> None:
@@ -77,7 +86,7 @@ class PointNet(nn.Module):
         self.classify = head(1024, 512, 256, num_classes, dropout=dropout)
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes] of points [B, N, in_channels], in any order."""
+        """Return class scores (logits) [B, num_classes] of points [B, N, in_channels], in any order."""
         check_points(points, self.in_channels)
         scores: torch.Tensor = self.classify(self.points(points.mT.unsqueeze(3)).amax((2, 3)))
         return scores
@@ -92,7 +101,7 @@ class Abstraction(nn.Module):
         self.mlp = shared_mlp(*widths)
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions [B, N, 3] and features [B, N, C] of points to those of the centers, [B, M, 3] and [B, M, C']."""
+        """Return positions [B, M, 3] and features [B, M, C'] of centers, from [B, N, 3] and [B, N, C]."""
         chosen = farthest_points(xyz, min(self.centers, xyz.shape[1]))
         center = _at(xyz, chosen)
         apart = torch.cdist(center, xyz, compute_mode="donot_use_mm_for_euclid_dist")
@@ -110,12 +119,21 @@ class Abstraction(nn.Module):
 class PointNet2(nn.Module):
     """PointNet++ (Qi et al. 2017): set abstraction to 512 points, 128 and one, then three fully connected layers.
 
-    - `num_classes`: number of scores
-    - `in_channels`: features per point (default 4); the first three are coordinates, which `T.Points` scales to [0, 1]
-    - `dropout`: before the last layer (default 0.5)
+    The network takes points [B, N, in_channels] in any order and returns class scores (logits) [B, num_classes].
 
-    Takes points [B, N, in_channels] in any order, gives class scores (logits) [B, num_classes]. ValueError for
-    another shape.
+    Args:
+        num_classes: Number of scores.
+        in_channels: Features per point (default 4). The first three are coordinates, which `T.Points` scales to [0, 1].
+        dropout: Probability of dropout before the last layer (default 0.5).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.reference.PointNet2(11).eval()(torch.rand(1, 16, 4)).shape
+        torch.Size([1, 11])
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 4, dropout: float = 0.5) -> None:
@@ -128,7 +146,7 @@ class PointNet2(nn.Module):
         self.classify = head(1024, 512, 256, num_classes, dropout=dropout)
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes] of points [B, N, in_channels], in any order."""
+        """Return class scores (logits) [B, num_classes] of points [B, N, in_channels], in any order."""
         check_points(points, self.in_channels)
         xyz, features = self.second(*self.first(points[..., :3], points[..., 3:]))
         whole = self.whole(torch.cat((xyz, features), 2).mT.unsqueeze(3)).amax((2, 3))
@@ -138,17 +156,25 @@ class PointNet2(nn.Module):
 
 @register_network("lstm")
 class LSTM(nn.Module):
-    """LSTM layers over the events in order of time, and a fully connected layer on the last state.
+    """LSTM layers over the events in temporal order, and a fully connected layer on the last state.
 
+    The network takes events [B, N, in_channels] in temporal order and returns class scores (logits) [B, num_classes].
     The thesis says only that its LSTM takes events as a sequence; the widths are ours.
 
-    - `num_classes`: number of scores
-    - `in_channels`: features per event (default 4)
-    - `hidden`: width of the LSTM (default 256)
-    - `layers`: number of LSTM layers (default 2)
+    Args:
+        num_classes: Number of scores.
+        in_channels: Features per event (default 4).
+        hidden: Width of the LSTM (default 256).
+        layers: Number of LSTM layers (default 2).
 
-    Takes events [B, N, in_channels] in order of time, gives class scores (logits) [B, num_classes]. ValueError for
-    another shape.
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.reference.LSTM(11).eval()(torch.rand(1, 16, 4)).shape
+        torch.Size([1, 11])
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 4, hidden: int = 256, layers: int = 2) -> None:
@@ -158,7 +184,7 @@ class LSTM(nn.Module):
         self.classify = nn.Linear(hidden, num_classes)
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes] of events [B, N, in_channels] in order of time."""
+        """Return class scores (logits) [B, num_classes] of events [B, N, in_channels] in temporal order."""
         check_points(points, self.in_channels)
         out, _ = self.lstm(points)
         scores: torch.Tensor = self.classify(out[:, -1])
@@ -167,7 +193,7 @@ class LSTM(nn.Module):
 
 @torch.no_grad()
 def farthest_points(xyz: torch.Tensor, count: int) -> torch.Tensor:
-    """Indices [B, count] of distant points: each is the farthest from those before, the first from the mean of all."""
+    """Return indices [B, count] of distant points: each is farthest from those before, the first from the mean."""
     batch = torch.arange(xyz.shape[0], device=xyz.device)
     apart = (xyz - xyz.mean(1, keepdim=True)).square().sum(2)
     chosen = torch.empty(xyz.shape[0], count, dtype=torch.int64, device=xyz.device)
@@ -181,5 +207,5 @@ def farthest_points(xyz: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def _at(values: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
-    """Rows [B, M, C] of `values` [B, N, C] at `index` [B, M]."""
+    """Return rows [B, M, C] of `values` [B, N, C] at `index` [B, M]."""
     return values.gather(1, index.unsqueeze(2).expand(-1, -1, values.shape[2]))

@@ -1,7 +1,7 @@
 """Residual networks in two and three dimensions.
 
-ResNet (He et al. 2016), 3D ResNet and ResNeXt (Hara et al. 2018) and R(2+1)D (Tran et al. 2018): thesis
-appendices A and B.
+ResNet (He et al. 2016), 3D ResNet and ResNeXt (Hara et al. 2018) and R(2+1)D (Tran et al. 2018): thesis, appendices A
+and B.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ Block = Callable[[int, int, int], tuple[nn.Module, int]]
 def bottleneck(
     dimensions: int, in_channels: int, width: int, stride: int, *, expansion: int = 4, groups: int = 1
 ) -> tuple[nn.Module, int]:
-    """Convolutions of 1, 3 and 1; the first has the stride, or with groups the second. The block and its channels."""
+    """Return a block of convolutions of size 1, 3 and 1, and its number of channels.
+
+    The first convolution has the stride, or with groups the second.
+    """
     out = width * expansion
     first, second = (stride, 1) if groups == 1 else (1, stride)
     body = nn.Sequential(
@@ -36,13 +39,13 @@ def bottleneck(
 
 
 def basic3d(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]:
-    """Two 3x3x3 convolutions."""
+    """Return a block of two 3x3x3 convolutions, and its number of channels."""
     body = nn.Sequential(conv(3, in_channels, width, 3, stride, 1), conv(3, width, width, 3, 1, 1, relu=False))
     return Residual(body, _shortcut(3, in_channels, width, stride)), width
 
 
 def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]:
-    """Two (2+1)D convolutions."""
+    """Return a block of two (2+1)D convolutions, and its number of channels."""
     body = nn.Sequential(
         *two_plus_one(in_channels, width, stride), nn.ReLU(inplace=True), *two_plus_one(width, width, 1)
     )
@@ -50,7 +53,7 @@ def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]
 
 
 def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.Module, ...]:
-    """Space, then time: 1x3x3, batch normalization and ReLU, 3x1x1 and batch normalization.
+    """Return layers for space, then time: 1x3x3, batch normalization and ReLU, 3x1x1 and batch normalization.
 
     The number of channels between them gives the number of weights of a 3x3x3 convolution (Tran et al. 2018, 3.5).
     """
@@ -63,7 +66,7 @@ def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.M
 
 
 def stages(block: Block, in_channels: int, depths: Sequence[int], widths: Sequence[int]) -> tuple[nn.Sequential, int]:
-    """Blocks in stages, of which all but the first halve the size, and their number of output channels."""
+    """Return blocks in stages, of which all but the first halve the size, and their number of output channels."""
     layers: list[nn.Module] = []
     for stage, (depth, width) in enumerate(zip(depths, widths, strict=True)):
         for n in range(depth):
@@ -80,13 +83,23 @@ def _shortcut(dimensions: int, in_channels: int, out_channels: int, stride: int)
 
 @register_network("resnet")
 class ResNet(Classifier):
-    """ResNet-50 (He et al. 2016; thesis Table A.1).
+    """ResNet-50 (He et al. 2016; thesis, Table A.1).
 
-    - `num_classes`: number of scores
-    - `depths`: blocks of each of the four stages (default 3, 4, 6, 3)
-    - `in_channels`: (default 2)
+    The network takes [B, in_channels, H, W] and returns class scores (logits) [B, num_classes].
 
-    Takes [B, in_channels, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    Args:
+        num_classes: Number of scores.
+        depths: Blocks of each of the four stages (default (3, 4, 6, 3)).
+        in_channels: Channels of an image (default 2).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.reference.ResNet(11, depths=(1, 1, 1, 1)).eval()(torch.zeros(1, 2, 32, 32)).shape
+        torch.Size([1, 11])
     """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:
@@ -101,13 +114,22 @@ def _stem3d(in_channels: int) -> nn.Sequential:
 
 @register_network("resnet3d")
 class ResNet3D(Classifier):
-    """3D ResNet with 34 layers (Hara et al. 2018; thesis Table B.1).
+    """3D ResNet with 34 layers (Hara et al. 2018; thesis, Table B.1).
 
-    - `num_classes`: number of scores
-    - `depths`: blocks of each of the four stages (default 3, 4, 6, 3)
-    - `in_channels`: (default 2)
+    The network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes].
 
-    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    Args:
+        num_classes: Number of scores.
+        depths: Blocks of each of the four stages (default (3, 4, 6, 3)).
+        in_channels: Channels of a frame (default 2).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.NETWORKS["resnet3d"] is models.reference.ResNet3D
+        True
     """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:
@@ -117,14 +139,23 @@ class ResNet3D(Classifier):
 
 @register_network("resnext3d")
 class ResNeXt3D(Classifier):
-    """3D ResNeXt with 50 layers (Hara et al. 2018; thesis fig. B.2): wider bottlenecks, in groups.
+    """3D ResNeXt with 50 layers (Hara et al. 2018; thesis, fig. B.2): wider bottlenecks, in groups.
 
-    - `num_classes`: number of scores
-    - `depths`: blocks of each of the four stages (default 3, 4, 6, 3)
-    - `groups`: of the 3x3x3 convolutions (default 32)
-    - `in_channels`: (default 2)
+    The network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes].
 
-    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    Args:
+        num_classes: Number of scores.
+        depths: Blocks of each of the four stages (default (3, 4, 6, 3)).
+        groups: Groups of the 3x3x3 convolutions (default 32).
+        in_channels: Channels of a frame (default 2).
+
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.NETWORKS["resnext3d"] is models.reference.ResNeXt3D
+        True
     """
 
     def __init__(
@@ -137,15 +168,23 @@ class ResNeXt3D(Classifier):
 
 @register_network("r2plus1d")
 class R2Plus1D(Classifier):
-    """R(2+1)D (Tran et al. 2018): each 3D convolution is one in space and one in time.
+    """R(2+1)D (Tran et al. 2018): each 3D convolution is split into one in space and one in time.
 
-    The thesis's 36 layers count both; counted once they are 18, as the 33 million parameters of its Table 5.3 show.
+    The thesis's 36 layers count both. Counted once they are 18, as the 33 million parameters of its Table 5.3 show. The
+    network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes].
 
-    - `num_classes`: number of scores
-    - `depths`: blocks of each of the four stages (default 2, 2, 2, 2)
-    - `in_channels`: (default 2)
+    Args:
+        num_classes: Number of scores.
+        depths: Blocks of each of the four stages (default (2, 2, 2, 2)).
+        in_channels: Channels of a frame (default 2).
 
-    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    Raises:
+        ValueError: For inputs of another shape.
+
+    Example:
+        >>> from nvsdata import models
+        >>> models.NETWORKS["r2plus1d"] is models.reference.R2Plus1D
+        True
     """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (2, 2, 2, 2), in_channels: int = 2) -> None:

@@ -15,18 +15,27 @@ WIDTHS = (64, 128, 256, 512, 512)
 
 @register_network("vgg")
 class VGG(Classifier):
-    """3x3 convolutions with ReLU, five maximum poolings, three fully connected layers (Simonyan and Zisserman 2015).
+    """VGG (Simonyan and Zisserman 2015): 3x3 convolutions with ReLU, five poolings, three fully connected layers.
 
-    - `num_classes`: number of scores
-    - `layers`: 16 or 19 (default 19)
-    - `in_channels`: (default 2); thesis 4.4.4 uses two channels, ON and OFF counts, and 3.5.2 (VGG-16) three
-      consecutive frames of summed polarity
-    - `hidden`: width of the hidden layers (default 4096)
-    - `dropout`: (default 0.5); 0.8 in thesis 3.5.2
+    The network takes [B, in_channels, H, W] and returns class scores (logits) [B, num_classes]. It is designed for
+    224x224. Feature maps of other sizes are averaged to the 7x7 that the fully connected layers take.
 
-    Takes [B, in_channels, H, W], designed for 224x224; feature maps of other sizes are averaged to the 7x7 that the
-    fully connected layers take. Gives class scores (logits) [B, num_classes]. ValueError for another number of layers
-    or another shape.
+    Args:
+        num_classes: Number of scores.
+        layers: 16 or 19 (default 19).
+        in_channels: Channels of an image (default 2). Section 4.4.4 of the thesis uses two channels, ON and OFF counts;
+            section 3.5.2 (VGG-16) uses three consecutive frames of summed polarity.
+        hidden: Width of the hidden layers (default 4096).
+        dropout: Probability of dropout after the hidden layers (default 0.5; 0.8 in thesis, section 3.5.2).
+
+    Raises:
+        ValueError: For another number of layers or inputs of another shape.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import models
+        >>> models.reference.VGG(11, layers=16, hidden=16).eval()(torch.zeros(1, 2, 32, 32)).shape
+        torch.Size([1, 11])
     """
 
     def __init__(
@@ -46,6 +55,6 @@ class VGG(Classifier):
         self.pool = nn.AdaptiveAvgPool2d(7)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes]."""
+        """Return class scores (logits) [B, num_classes]."""
         scores: torch.Tensor = self.classify(self.pool(self.features(x)).flatten(1))
         return scores

@@ -293,7 +293,7 @@ def test_rounding_does_not_add_up(always):
     torch.testing.assert_close(live.scores(), exact, atol=1e-5, rtol=0)
 
 
-def test_what_cannot_stream_is_told():
+def test_what_cannot_stream_is_reported():
     with pytest.raises(ValueError, match="a network in training mode can't stream: call eval"):
         models.stream(trained().train())
     with pytest.raises(ValueError, match=r"features\.0, a GCNConv, can't stream: B-spline convolutions can"):
@@ -315,7 +315,7 @@ def test_what_cannot_stream_is_told():
         live.feed(Events([1], [1], [1], [1], (35, 34)))
     live.feed(Events([7, 9], [1, 1], [1, 1], [1, 1], SIZE))
     live.feed(Events([9], [1], [1], [1], SIZE))
-    with pytest.raises(ValueError, match="events fall back in time: to 8 µs, after 9"):
+    with pytest.raises(ValueError, match="events go back in time: to 8 µs, after 9"):
         live.feed(Events([8], [1], [1], [1], SIZE))
     assert len(live) == 3
 
@@ -341,7 +341,7 @@ def test_features_of_nodes_are_those_of_the_window(window):
 def test_features_that_know_events_to_come_cannot_stream_causally():
     network = trained(clusters=(None, None, None, (7, 7)), in_channels=19)
     graph = T.NodeFeatures(T.Compose([T.RadiusGraph(causal=True)]), [T.Patch(3)])
-    with pytest.raises(ValueError, match="on a causal graph: its features know events to come"):
+    with pytest.raises(ValueError, match="on a causal graph: its features depend on later events"):
         models.stream(network, graph=graph)
     sampled = T.NodeFeatures(T.Compose([T.NonUniformSample(8), T.RadiusGraph()]), [T.Patch(3)])
     with pytest.raises(ValueError, match="isn't deterministic"):
