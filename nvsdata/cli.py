@@ -102,7 +102,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _where(error: Exception, args: argparse.Namespace) -> str:
-    """What the error may be about, if it is one of the system that names no file: the paths that were given."""
+    """Return what a system error without a file name may be about: the paths that were given."""
     from pathlib import Path
 
     from nvsdata.common.errors import shown

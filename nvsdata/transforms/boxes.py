@@ -74,7 +74,7 @@ class WithBoxes:
 
     @property
     def deterministic(self) -> bool:
-        """Whether equal samples have equal results. A subclass must declare it itself."""
+        """True if equal samples have equal results. A subclass must declare it itself."""
         return type(self) is WithBoxes and is_deterministic(self.transform)
 
 

@@ -61,7 +61,7 @@ class Compose:
 
     @property
     def deterministic(self) -> bool:
-        """Whether equal samples have equal results. A subclass must declare it itself."""
+        """True if equal samples have equal results. A subclass must declare it itself."""
         return type(self) is Compose and all(map(is_deterministic, self.transforms))
 
     def __repr__(self) -> str:
@@ -106,7 +106,7 @@ class Each:
 
     @property
     def deterministic(self) -> bool:
-        """Whether equal samples have equal results. A subclass must declare it itself."""
+        """True if equal samples have equal results. A subclass must declare it itself."""
         return type(self) is Each and is_deterministic(self.transform)
 
 

@@ -214,7 +214,7 @@ class NodeFeatures:
 
     @property
     def deterministic(self) -> bool:
-        """Whether equal samples have equal results. A subclass must declare it itself."""
+        """True if equal samples have equal results. A subclass must declare it itself."""
         return type(self) is NodeFeatures and all(is_deterministic(part) for part in (self.graph, *self.features))
 
 
