@@ -28,7 +28,7 @@ from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.plots.gallery import ClassSummary, gallery
 from nvsdata.plots.page import player_page as view_page
 from nvsdata.rig.report import page as report_page
-from nvsdata.training import main as recipes
+from nvsdata.training import runs as recipes
 
 # a title, a line of its own, a line that overwrites, C1, right to left, a byte that isn't UTF-8, a tag, an attribute
 BAD = "\x1b]0;owned\x07\nowned: 3\rowned\x9b31m\u202e\u2028\udcff<owned>\"'&onowned=1 äß日本\u3099"

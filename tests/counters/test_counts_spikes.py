@@ -77,15 +77,15 @@ def points(x, y):
 @pytest.fixture
 def given(monkeypatch):
     """How many sources and sinks the search for the least work is given, each time."""
-    from nvsdata.metrics import distance
+    from nvsdata.metrics import measures
 
-    sizes, least_work = [], distance.least_work
+    sizes, least_work = [], measures.least_work
 
     def counting(*arguments):
         sizes.append((arguments[0].size, arguments[3].size))
         return least_work(*arguments)
 
-    monkeypatch.setattr(distance, "least_work", counting)
+    monkeypatch.setattr(measures, "least_work", counting)
     return sizes
 
 

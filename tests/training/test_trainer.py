@@ -7,7 +7,7 @@ from torch.utils.data import DataLoader
 from nvsdata import NMNIST
 from nvsdata import transforms as T
 from nvsdata.training import Trainer, run, runs, team
-from nvsdata.training import main as ending
+from nvsdata.training import runs as ending
 
 
 def test_a_damaged_recording_is_named_however_deep_in_a_pipeline_it_is_met(fake_nmnist, capsys, monkeypatch):
