@@ -133,7 +133,7 @@ def test_what_fails_is_told_when_it_does_and_ends_what_nothing_else_needs(tmp_pa
         torch.nn.init.constant_(part, float("nan"))
     transform = T.Compose([T.RandomWindow(10_000), T.RadiusGraph(max_degree=4)])
     models.save(network, tmp_path / "n.safetensors", transform=transform)
-    with pytest.raises(ValueError, match="gives NaN"):
+    with pytest.raises(ValueError, match="scores are NaN"):
         models.OnlineClassifier(models.load(tmp_path / "n.safetensors")).prepare()
 
     class Failing(models.OnlineClassifier):

@@ -29,7 +29,7 @@ def test_a_decoder_whose_times_may_fall_is_refused(tmp_path):
         nvsdata.open(journal(tmp_path / "a.davis", words, steady=False))
     # a time that falls shows that the camera's clock went round
     assert nvsdata.read(journal(tmp_path / "a.davis", words)).t.tolist() == [500, 3 + (1 << 15)]
-    with pytest.raises(ValueError, match="only a steady decoder gives events in order"):
+    with pytest.raises(ValueError, match="only a steady decoder returns events in order"):
         next(DavisDecoder(240, 180).decoded([b""], None))
 
 
