@@ -80,6 +80,7 @@ def _module_of(work: Callable[..., Any]) -> str:
 @contextmanager
 def _workers(count: int, module: str) -> Iterator[Any]:
     """Start processes that have imported a module; if the block raises, their work is stopped."""
+    others = set(active_children())  # children of the program that calls
     with pool(count, module, _prepare) as workers:
         try:
             yield workers
@@ -88,9 +89,9 @@ def _workers(count: int, module: str) -> Iterator[Any]:
         except BaseException:
             # work in progress may take minutes; the next run repeats it
             workers.shutdown(wait=False, cancel_futures=True)
-            for process in (children := active_children()):
+            for process in (own := set(active_children()) - others):
                 process.terminate()
-            for process in children:
+            for process in own:
                 process.join()
             raise
 

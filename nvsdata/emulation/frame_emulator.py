@@ -50,8 +50,7 @@ class FrameEmulator(ABC):
             >>> len(nvsdata.PIX2NVS().emulate(frames, fps=25))
             72
         """
-        parts = list(self.stream(video, fps, times=times, size=size))
-        return together(parts)
+        return together(list(self.stream(video, fps, times=times, size=size)))
 
     def stream(
         self,

@@ -166,7 +166,7 @@ def most_bytes(size: int) -> int:
 
 
 class Allowance:
-    """How far the compressed parts of a file of `size` bytes may still inflate, one after the other.
+    """Bytes to which the compressed parts of a file of `size` bytes may still inflate, one after the other.
 
     - `left`: bytes, of those that `most_bytes` allows for all parts together
     """
@@ -187,5 +187,5 @@ class Allowance:
 
     @property
     def reason(self) -> str:
-        """What is allowed, as errors state it."""
+        """The limit, as errors state it."""
         return f"a file of {self.size} bytes is taken to hold {most_bytes(self.size)} at most"

@@ -4,31 +4,40 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from nvsdata.batch.folder import videos_in
+import numpy as np
+
+from nvsdata.batch.estimate import Estimate, evenly_spaced
+from nvsdata.batch.folder import Video, videos_in
 from nvsdata.common.errors import message_of, shown
 from nvsdata.common.files import claimed
 from nvsdata.common.terminal import remark, say, tell
-from nvsdata.recording.capture import check_format
+from nvsdata.recording.capture import RESERVE, check_format
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig.batch import DONE, manifest_of, record_videos, status_before
 from nvsdata.rig.calibrate import calibrate
 from nvsdata.rig.calibration import FIGURES, calibration_summary, corners_in, write_calibration
-from nvsdata.rig.estimate import estimate_recording
+from nvsdata.rig.clock_fit import flashes
 from nvsdata.rig.monitor import Monitor
+from nvsdata.rig.playback import FADE, SETTLE, STEP, STILL
 from nvsdata.rig.report import REPORT, write_report
 from nvsdata.rig.status import STATUS, status_of
 from nvsdata.rig.verification import format_of, verify
 from nvsdata.rig.watch import BatchStopped
+from nvsdata.video.decoder import length_of
 
 GAVE_UP = 3  # exit code
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
+LISTED = 50  # videos whose length is read; the others are assumed to be alike
+OVERHEAD = 2_000_000  # µs per take for starting, trimming and checking
+USUAL = 2_000_000  # bytes per second of video if there are no recordings yet: 250,000 events/s
 
 
 def run_calibration(
@@ -143,6 +152,24 @@ def run_batch(
     flagged = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
     tell(text, asdict(result) | {"look": flagged, "out": out}, as_json=as_json)
     return 1 if result.failed else 0
+
+
+def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> Estimate:
+    """Return the time and disk that recording videos will need.
+
+    Args:
+        videos: Videos to record.
+        lines: Lines of the manifest, whose recordings give the bytes per second of video.
+        out: Folder of the recordings.
+        refresh: Time in µs from one image of the screen to the next.
+    """
+    known = [length for video in evenly_spaced(videos, LISTED) if (length := length_of(video.path)[1])]
+    each = float(np.mean(known)) if known else 0.0
+    pattern = 2 * STILL + (flashes().size + 1) * STEP * refresh
+    seconds = len(videos) * (each + (2 * pattern + SETTLE + 2 * FADE + OVERHEAD) / 1e6)
+    recorded = [(line["recording"], line["duration"] / 1e6) for line in lines if line.get("duration")]
+    rate = sum(size for size, _ in recorded) / sum(time for _, time in recorded) if recorded else USUAL
+    return Estimate.on_disk(out, len(videos), seconds, round(each * len(videos) * rate), reserve=RESERVE)
 
 
 def _watched(simulate: Simulation | None) -> tuple[Any, Any]:

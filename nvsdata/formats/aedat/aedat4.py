@@ -297,7 +297,7 @@ class Aedat4Recording(FileRecording):
 
     @property
     def _allowance(self) -> Allowance:
-        """How far packets may inflate that are read together."""
+        """Return the limit to which packets that are read together may inflate."""
         return Allowance(self._contents.size)
 
     def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], What], left: Allowance) -> What:
