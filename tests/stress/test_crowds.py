@@ -47,7 +47,7 @@ def test_a_million_events_are_counted_exactly(ev):
     off = MANY - on
     assert middle(T.ToFrames(1)(ev)).tolist() == [[on, off]]
     assert middle(T.ToFrames(count=MANY)(ev)).tolist() == [[on, off]]
-    assert middle(T.ToFrames(1, values="sum")(ev)).tolist() == [[on - off]]
+    assert middle(T.ToFrames(1, values="sum")(ev)).tolist() == [on - off]
     assert middle(T.StackedHistogram(1, 10**9)(ev)).tolist() == [off, on]
     assert middle(T.StackedHistogram(10, 10**9)(ev)).view(2, 10).sum(1).tolist() == [off, on]
     assert middle(T.MixedDensityStack(3)(ev))[2].item() == on - off
