@@ -230,7 +230,7 @@ def test_a_batch_is_as_large_as_its_largest_graph():
 def test_networks_do_not_import_it():
     code = (
         "import sys, numpy as np; from nvsdata import Events, models, transforms as T;"
-        "models.rgcnn('n-mnist').eval()(T.radius_graph(Events([1, 2], [1, 2], [1, 2], [0, 1], (34, 34))));"
+        "models.rgcnn('n-mnist').eval()(T.RadiusGraph()(Events([1, 2], [1, 2], [1, 2], [0, 1], (34, 34))));"
         "sys.exit('torch_geometric' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], timeout=120).returncode == 0
