@@ -18,7 +18,7 @@ import torch
 import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
 from nvsdata.common.errors import shown
 from nvsdata.data.recording import Recording
-from nvsdata.data.views import Run, Slice
+from nvsdata.data.views import EventRange, Slice
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.indexing import PairTransform, Samples, Transform, check_choice
 from nvsdata.datasets.layout import nothing_below
@@ -250,7 +250,7 @@ class EventDataset(Samples):
         found = self.named(sample.name)
         if sample.window is not None:
             found = Slice(found, *sample.window)
-        return found if sample.events is None else Run(found, *sample.events)
+        return found if sample.events is None else EventRange(found, *sample.events)
 
     def named(self, name: str) -> Recording:
         """A recording by its path below the root, opened but not decoded, as users see it."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import cast
 
 from nvsdata.common.prefetch import prefetch
-from nvsdata.data.events import Events, together
+from nvsdata.data.events import Events, concatenate_events
 from nvsdata.data.samples import Piece
 from nvsdata.emulation.imperfections import Flawed, Imperfections
 from nvsdata.emulation.run import Run, Spikes
@@ -33,7 +33,7 @@ class FromFrames(ABC):
         Parameters and errors are those of `stream`.
         """
         parts = list(self.stream(video, fps, times=times, size=size))
-        return together(parts)
+        return concatenate_events(parts)
 
     def stream(
         self,
@@ -86,5 +86,5 @@ class FromFrames(ABC):
                 events = flaws.apply(events, spikes.before, spikes.now, spikes.light)
             parts.append(events)
             if spikes.whole:
-                found, parts = parts[0] if len(parts) == 1 else together(parts), []
-                yield found if flaws is None else Piece.beside(found, about={"imperfections": dict(flaws.counts)})
+                found, parts = parts[0] if len(parts) == 1 else concatenate_events(parts), []
+                yield found if flaws is None else Piece.of_camera(found, about={"imperfections": dict(flaws.counts)})

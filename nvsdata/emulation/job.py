@@ -77,7 +77,7 @@ def _told(pieces: Iterable[Events], settings: EventEmulator) -> Iterator[Events]
         yield piece
     if times:
         about = {"emulator": settings_of(settings), "frame_times": np.array(times, np.int64)}
-        yield Piece.beside(Events.empty(piece.sensor_size, piece.end, piece.end), about=about)
+        yield Piece.of_camera(Events.empty(piece.sensor_size, piece.end, piece.end), about=about)
 
 
 def _watched(pieces: Iterable[Events], frames: int, progress: Callable[[float], None]) -> Iterator[Events]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, count
 from typing import cast
 
-from nvsdata.data.events import Events, together
+from nvsdata.data.events import Events, concatenate_events
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.emulation.from_frames import FromFrames
 from nvsdata.emulation.imperfections import Flawed, Imperfections
@@ -70,7 +70,11 @@ class Ongoing:
             raise
         if self._run is None or self._last is None:
             raise ValueError("a video of no frames")
-        return together(parts) if parts else Events.empty(self._run.sensor_size, self._last.time, self._last.time)
+        return (
+            concatenate_events(parts)
+            if parts
+            else Events.empty(self._run.sensor_size, self._last.time, self._last.time)
+        )
 
     def _step(self, frame: Frame) -> Events:
         if self._run is None:

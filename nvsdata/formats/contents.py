@@ -21,7 +21,9 @@ except ImportError:  # a platform for which isal has no wheel
 
 fast_zlib = _zlib
 PIECE = 1 << 20  # bytes that are read and decoded at a time
-_ROOMS: list[np.ndarray] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
+_BUFFERS: list[
+    np.ndarray
+] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
 HEAD = 1 << 16  # bytes that are read to recognize the format; fewer mean that it is the whole file
 MOST_HEADER = 1 << 22  # bytes of lines at the start; jAER writes some 100 kB of them
 LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends with such a line, whatever follows
@@ -49,7 +51,7 @@ class Contents:
         """Numbers that change with the file, its size first (see `OnDisk.stamp`); None if `head` is the whole file."""
         return None if self._file is None else self._file.stamp
 
-    def let_go(self) -> None:
+    def drop_head(self) -> None:
         """Forget the head unless it is the whole file: the heads of many recordings would add up."""
         if self._file is not None:
             self.head = b""
@@ -80,7 +82,7 @@ class Contents:
         assert self._file is not None
         longest = max(stop - start for start, stop in ranges)
         try:
-            room = _ROOMS.pop() if longest <= PIECE else np.empty(longest, np.uint8)
+            room = _BUFFERS.pop() if longest <= PIECE else np.empty(longest, np.uint8)
         except IndexError:
             room = np.empty(PIECE, np.uint8)
         shown = room.view()
@@ -92,7 +94,7 @@ class Contents:
                     yield shown[: stop - start]
         finally:
             if longest <= PIECE:
-                _ROOMS.append(room)
+                _BUFFERS.append(room)
 
     @contextmanager
     def handle(self) -> Iterator[int]:

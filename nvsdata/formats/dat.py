@@ -18,7 +18,7 @@ from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.clock import WRAP_US
 from nvsdata.kernels.decode.dat import dat_decode
 
@@ -46,7 +46,7 @@ class DatRecording(ClockedFile):
         self.version = 1 if numbers.get("version", "1") in ("0", "1") else 2
         if self._size is None and "width" in numbers and "height" in numbers:
             self._size = stated_size(path, numbers["width"], numbers["height"])
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
 
     def _times(self, raw: np.ndarray) -> np.ndarray:
         return raw.view("<u4")[::2]
@@ -66,7 +66,7 @@ def write(pieces: Pieces, path: Path) -> None:
     width, height = pieces.sensor_size
     if max(width, height) > MAX_ADDRESS + 1:
         raise ValueError("Prophesee .dat holds coordinates up to 16383 only")
-    with headed(path, pieces, _header) as file:
+    with file_with_header(path, pieces, _header) as file:
         for events in with_times_of_32_bits(pieces, "Prophesee .dat"):
             words = np.empty((len(events), 2), "<u4")
             words[:, 0] = (events.t % WRAP_US).astype(np.uint32)

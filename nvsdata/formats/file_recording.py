@@ -128,7 +128,7 @@ class FileRecording(Recording):
             self._check_time(int(columns.t[0]), int(columns.t[-1]))
         return Events.trusted(columns, self._size, self._begins, self._ends)
 
-    def _lasts(self, time: tuple[int, int] | None) -> None:
+    def _state_times(self, time: tuple[int, int] | None) -> None:
         """Note the first and last moment in µs that a file states; None if it states none."""
         if time is None:
             return
@@ -213,7 +213,7 @@ def _unsigned(column: np.ndarray) -> np.ndarray:
     return column.view(column.dtype.str.replace("i", "u")) if column.dtype.kind == "i" else column
 
 
-def integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
+def as_integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
     """A column of any numeric type as integers; integers keep their type.
 
     FormatError, which names the column as `name`, for fractions, NaN, and numbers at or beyond 2^62.
@@ -230,6 +230,6 @@ def integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
     return column
 
 
-def polarity(column: np.ndarray) -> np.ndarray:
+def as_polarity(column: np.ndarray) -> np.ndarray:
     """Polarity as 0 and 1, where OFF may be -1."""
     return np.where(column == -1, 0, column) if column.dtype.kind == "i" else column

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nvsdata.data.events import Columns
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 from nvsdata.formats.records import Blocks, PiecedFile
 from nvsdata.kernels.decode.order import is_sorted
 
@@ -47,7 +47,7 @@ class IndexedFile(PiecedFile):
         if not self._keeps:
             return None
         # an entry of an index takes less than the records that it stands for
-        kept = kept_index.restore(self.path, self._about, self.contents.size)
+        kept = index_cache.load_index(self.path, self._about, self.contents.size)
         try:
             return None if kept is None else self._compared(self._restored(kept))
         except (KeyError, ValueError, TypeError, OverflowError):
@@ -59,13 +59,13 @@ class IndexedFile(PiecedFile):
         blocks = self._index()
         stamp = self.contents.stamp
         if self._keeps and stamp is not None:
-            kept_index.keep(self.path, self._about, max(stamp[1:3]), self._to_keep(blocks))
+            index_cache.save_index(self.path, self._about, max(stamp[1:3]), self._to_keep(blocks))
         return blocks
 
     @property
     def _keeps(self) -> bool:
         stamp = self.contents.stamp
-        return self.strict and stamp is not None and stamp[0] >= kept_index.LEAST
+        return self.strict and stamp is not None and stamp[0] >= index_cache.LEAST
 
     @property
     def _about(self) -> dict[str, object]:
@@ -92,7 +92,7 @@ class IndexedFile(PiecedFile):
     def _compared(self, blocks: Blocks) -> Blocks:
         """A kept index, after some of its entries were compared with the file. ValueError if one differs."""
         self._unproven = set(range(len(blocks.times)))
-        for block in kept_index.some_of(len(blocks.times)).tolist():
+        for block in index_cache.entries_to_compare(len(blocks.times)).tolist():
             self._compare(blocks, block)
         return blocks
 

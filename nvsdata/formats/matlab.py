@@ -17,7 +17,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.formats.contents import Allowance, Contents, fast_zlib, most_bytes
-from nvsdata.formats.file_recording import FileRecording, integers, polarity
+from nvsdata.formats.file_recording import FileRecording, as_integers, as_polarity
 from nvsdata.formats.registry import Format
 
 NAMES = {"t": ("ts", "t"), "x": ("x",), "y": ("y",), "p": ("pol", "p")}
@@ -54,11 +54,11 @@ class MatlabRecording(FileRecording):
         return self._checked(columns)
 
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
-        t, x, y, p = (integers(self.path, f"variable {name!r}", columns[name]) for name in ("t", "x", "y", "p"))
+        t, x, y, p = (as_integers(self.path, f"variable {name!r}", columns[name]) for name in ("t", "x", "y", "p"))
         width, height = self._limits
         if (_greatest(x) == width or _greatest(y) == height) and x.min() >= 1 and y.min() >= 1:
             x, y = x.astype(np.int64) - 1, y.astype(np.int64) - 1
-        t, x, y, p = self._inside((t, x, y, polarity(p)))
+        t, x, y, p = self._inside((t, x, y, as_polarity(p)))
         return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def _v5(self) -> dict[str, np.ndarray]:

@@ -18,10 +18,10 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, STRUCTURE, Columns
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.file_recording import integers, polarity
+from nvsdata.formats.file_recording import as_integers, as_polarity
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed
+from nvsdata.formats.writing import Pieces, file_with_header
 from nvsdata.kernels.decode.order import is_sorted
 
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "pol", "polarity")}
@@ -48,7 +48,7 @@ class NpyRecording(RecordFile):
         # its bytes are here already
         contents.head = head
         first = self._array(0, min(self.records, self.block))
-        contents.let_go()
+        contents.drop_head()
         self._fields = _fields(path, first)
         t = self._column(first, "t")
         self._scale = MICROSECONDS if t.dtype.kind == "f" and (t != np.rint(t)).any() else 1
@@ -84,8 +84,8 @@ class NpyRecording(RecordFile):
 
     def _between(self, lo: int, hi: int) -> Columns:
         array = self._array(lo, hi)
-        x, y, p = (integers(self.path, f"column {name!r}", self._column(array, name)) for name in "xyp")
-        t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, polarity(p)), lo)
+        x, y, p = (as_integers(self.path, f"column {name!r}", self._column(array, name)) for name in "xyp")
+        t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, as_polarity(p)), lo)
         return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def decode(self) -> Columns:
@@ -99,7 +99,7 @@ class NpyRecording(RecordFile):
 
     def _times(self, column: np.ndarray) -> np.ndarray:
         if self._scale == 1:
-            return integers(self.path, "column 't'", column).astype(np.int64)
+            return as_integers(self.path, "column 't'", column).astype(np.int64)
         if not (np.abs(column) < LATEST / self._scale).all():
             raise FormatError(self.path, "holds times that are not numbers, or beyond 2^62 µs")
         # float32 has too few digits for µs
@@ -146,7 +146,7 @@ def _fields(path: str, array: np.ndarray) -> dict[str, str | int]:
 
 def write(pieces: Pieces, path: Path) -> None:
     """Write records of x, y (int16), t (int64, µs) and p (uint8); the sensor size is not kept."""
-    with headed(path, pieces, _begin) as file:
+    with file_with_header(path, pieces, _begin) as file:
         for events in pieces:
             file.write(events.to_structured().tobytes())
 

@@ -51,7 +51,7 @@ class RecordFile(FileRecording):
             reason = f"truncated: {torn} bytes are left over, a record takes {self.record_size}"
             raise FormatError(self.path, reason, offset=contents.size - torn)
         self._repair("bytes of a torn record, cut off", torn)
-        contents.let_go()
+        contents.drop_head()
 
     @abstractmethod
     def _index(self) -> Blocks:

@@ -19,7 +19,7 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode import text as kernel
 from nvsdata.kernels.decode.order import is_sorted
 
@@ -55,7 +55,7 @@ class TextRecording(FileRecording):
             self._body = size.end()
             self._size = self._size or stated_size(path, size[1].decode(), size[2].decode())
         if own and own[3]:
-            self._lasts(stated_time([own[3].decode("latin-1")]))
+            self._state_times(stated_time([own[3].decode("latin-1")]))
         self._seconds = not own and (size is not None or SECONDS.match(_first_line(head)) is not None)
 
     def decode(self) -> Columns:
@@ -152,7 +152,7 @@ def looks_like(head: bytes, size: int) -> bool:
 
 def write(pieces: Pieces, path: Path) -> None:
     """Write lines `x y t p` after comments that state sensor size, order and time range."""
-    with headed(path, pieces, _header) as file:
+    with file_with_header(path, pieces, _header) as file:
         for events in pieces:
             table = np.column_stack((events.x, events.y, events.t, events.p))
             for start in range(0, len(table), 1 << 16):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from nvsdata.data.events import LATEST, Events
-from nvsdata.data.samples import is_bare
+from nvsdata.data.samples import is_empty
 
 _TIME = re.compile(r"[#%] nvsdata time +(-?\d+) to +(-?\d+) us")
 
@@ -41,7 +41,7 @@ class Pieces:
             if piece.sensor_size != self.sensor_size:
                 raise ValueError(f"pieces of different sensors: {self.sensor_size} and {piece.sensor_size}")
             self.end = max(self.end, piece.end)
-            if is_bare(piece):
+            if is_empty(piece):
                 continue
             if len(piece):
                 self._check(piece)
@@ -59,7 +59,7 @@ class Pieces:
 
 
 @contextmanager
-def headed(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Iterator[IO[bytes]]:
+def file_with_header(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Iterator[IO[bytes]]:
     """A new file that begins with `header`, for the block to write the pieces to.
 
     The header is written again at the end, when the pieces have passed, so its length must not change.

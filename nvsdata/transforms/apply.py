@@ -12,7 +12,7 @@ import torch
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
-from nvsdata.data.recording import Recording, as_events, misplaced
+from nvsdata.data.recording import Recording, as_events, wrong_type
 
 
 class _Following:
@@ -107,7 +107,7 @@ def change_all(sample: Any, change: Callable[[Any], Any], *, graphs: bool = Fals
     if graphs and isinstance(sample, Graph):
         return change(sample)
     if not isinstance(sample, Events | Recording):
-        raise misplaced(f"{'a Graph, ' if graphs else ''}Events, a Recording or a list of them", sample)
+        raise wrong_type(f"{'a Graph, ' if graphs else ''}Events, a Recording or a list of them", sample)
     return change(as_events(sample))
 
 

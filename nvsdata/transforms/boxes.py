@@ -11,7 +11,7 @@ import torch
 
 from nvsdata.common import validation
 from nvsdata.data.boxes import Boxes
-from nvsdata.data.recording import misplaced
+from nvsdata.data.recording import wrong_type
 from nvsdata.transforms.apply import followed, size_of
 from nvsdata.transforms.compose import is_deterministic
 
@@ -51,7 +51,7 @@ class WithBoxes:
             )
         size = size_of(sample)
         if size is None:
-            raise misplaced("Events, a Recording or an image", sample)
+            raise wrong_type("Events, a Recording or an image", sample)
         before, count = Boxes.of(target["boxes"], size), len(target["boxes"])
         with followed(before) as following:
             sample = self.transform(sample)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nvsdata.common import validation
-from nvsdata.data.recording import misplaced
+from nvsdata.data.recording import wrong_type
 from nvsdata.transforms.apply import each
 
 
@@ -27,7 +27,7 @@ class Each:
 
     def __call__(self, samples: Iterable[Any]) -> list[Any]:
         if not isinstance(samples, list | tuple):
-            raise misplaced("a list, such as Volumes gives", samples)
+            raise wrong_type("a list, such as Volumes gives", samples)
         return each(self.transform, samples)
 
     @property

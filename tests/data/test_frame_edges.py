@@ -100,7 +100,7 @@ def test_bounds_are_those_of_a_slow_loop(seed):
         assert frames.duration_bounds(ev, count).tolist() == slow_bounds(t, starts)
     shares = [(0, 1), (1, 3), (1, 2), (9, 10)]
     starts = [ev.start + Fraction(a, b) * max(length, 1) for a, b in shares]
-    assert frames.share_bounds(ev, ev.start, ev.end, shares).tolist() == slow_bounds(t, starts)
+    assert frames.fraction_bounds(ev, ev.start, ev.end, shares).tolist() == slow_bounds(t, starts)
 
 
 def test_events_at_one_time_are_in_the_first_frame():

@@ -127,8 +127,8 @@ def test_batches_without_ptr_and_graphs_in_a_batch_of_one():
 
 
 WRONG = {
-    "no pos": ({"pos": None}, "a graph needs x, pos, edge_index; this Data lacks pos"),
-    "no pos and edges": ({"pos": None, "edge_index": None}, "lacks pos and edge_index"),
+    "no pos": ({"pos": None}, "a graph needs x, pos, edge_index; this Data has no pos"),
+    "no pos and edges": ({"pos": None, "edge_index": None}, "has no pos and edge_index"),
     "three coordinates": (
         {"pos": torch.zeros(5, 3)},
         r"x and pos must be .*belong in t.* \[5, 1\] and \[5, 3\]",
@@ -139,7 +139,7 @@ WRONG = {
     "no such node": ({"edge_index": torch.tensor([[0], [5]])}, "names nodes from 0 to 5; there are 5"),
     "distances": ({"edge_attr": torch.zeros(3, 1)}, r"pseudo-coordinates \[3, 2\], not \[3, 1\]; without edge_attr"),
     "tensor of reach": ({"reach": torch.ones(2)}, "reach must be numbers or words, not a tensor"),
-    "no x": ({"x": None}, "this Data lacks x$"),
+    "no x": ({"x": None}, "this Data has no x$"),
     "more positions than nodes": ({"pos": torch.zeros(6, 2)}, r"not \[5, 1\] and \[6, 2\]$"),
     "fewer positions than nodes": ({"pos": torch.zeros(4, 2)}, r"not \[5, 1\] and \[4, 2\]$"),
     "a time too few": ({"t": torch.zeros(4, dtype=torch.int64)}, r"t must be whole µs, \[5\], not torch.int64 \[4\]$"),

@@ -42,7 +42,7 @@ def test_a_sheet_is_drawn_when_its_last_video_is_done_or_at_the_end(tmp_path, mo
     drawn = []
     monkeypatch.setattr(contact_sheets, "ROWS", 1)
     monkeypatch.setattr(contact_sheets, "_page", lambda there: [line and line["n"] for _, line in there])
-    monkeypatch.setattr(contact_sheets, "save", lambda page, path: drawn.append((path.name, page)))
+    monkeypatch.setattr(contact_sheets, "save_png", lambda page, path: drawn.append((path.name, page)))
     videos = [SimpleNamespace(name=f"{n}.avi") for n in range(12)]
     lines = {}
     with Sheets(tmp_path, videos, SimpleNamespace(videos=lines)) as sheets:

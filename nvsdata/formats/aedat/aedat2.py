@@ -25,12 +25,12 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.data.samples import Frame, Inertial, within
-from nvsdata.formats.aedat.aedat2_samples import WRITTEN, Scales, frames_of, inertial_of, merged
+from nvsdata.formats.aedat.aedat2_samples import WRITTEN, Scales, davis_frames, davis_inertial, merged_records
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.aedat2 import DAVIS, DVS128, aedat2_decode
 
 # camera (the end of the class name in `# AEChip:`): size, layout, the class name that is written
@@ -57,7 +57,7 @@ class Aedat2Recording(ClockedFile):
         chip = next((m[1].upper() for line in lines if (m := re.match(r"#\s*AEChip:.*?(\w+)\s*$", line))), None)
         self.chip_size, self.layout = self._camera(chip)
         self._size = self._size or self._stated(lines) or self.chip_size
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
         self._scales = Scales.stated(lines)
 
     def _camera(self, chip: str | None) -> tuple[tuple[int, int], int]:
@@ -103,14 +103,14 @@ class Aedat2Recording(ClockedFile):
             return super().frames(start, stop)
         if self.layout != DAVIS:
             return iter(())
-        return within(frames_of(self._timed(), self.chip_size), start, stop)
+        return within(davis_frames(self._timed(), self.chip_size), start, stop)
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         if not self.holds_samples:
             return super().inertial(start, stop)
         if self.layout != DAVIS:
             return Inertial.empty()
-        return inertial_of(self._timed(), self._scales).window(start, stop)
+        return davis_inertial(self._timed(), self._scales).window(start, stop)
 
 
 def write(pieces: Pieces, path: Path) -> None:
@@ -121,9 +121,9 @@ def write(pieces: Pieces, path: Path) -> None:
     """
     size, layout, name = chip_for(*pieces.sensor_size)
     told = WRITTEN.lines if layout == DAVIS else ()
-    with headed(path, pieces, partial(header, "2.0", name, told=told)) as file:
+    with file_with_header(path, pieces, partial(header_bytes, "2.0", name, told=told)) as file:
         records: Any
-        for records in with_times_of_32_bits(merged(pieces, layout, size), "AEDAT 2.0"):
+        for records in with_times_of_32_bits(merged_records(pieces, layout, size), "AEDAT 2.0"):
             file.write(records.raw.data)
 
 
@@ -135,7 +135,7 @@ def chip_for(width: int, height: int) -> tuple[tuple[int, int], Any, str]:
     raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
 
 
-def header(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) -> bytes:
+def header_bytes(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) -> bytes:
     """The header of a file; `told`: further lines in it."""
     size = "# nvsdata sensor {}x{}".format(*pieces.sensor_size)
     lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}", size)

@@ -23,7 +23,7 @@ from nvsdata.kernels.decode.aedat2 import DAVIS, aedat2_encode
 from nvsdata.kernels.decode.aedat_frames import FRAME_FACTS, next_frame
 from nvsdata.kernels.decode.order import is_sorted
 
-BESIDE, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
+NOT_EVENT, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10
 MAX_READING = 1023  # the largest reading
 DEPTH = 6  # bits by which a frame's pixels (16 bits) are wider than a reading (10 bits)
@@ -68,12 +68,12 @@ class Records(NamedTuple):
     raw: np.ndarray
 
 
-def merged(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iterator[Any]:
+def merged_records(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iterator[Any]:
     """The `Records` of pieces, each in order of time. They have to be sorted: a frame begins before its last data come.
 
     ValueError for samples that the layout of a DVS128 can't hold.
     """
-    line = _Line(layout, size)
+    line = _RecordQueue(layout, size)
     for piece in pieces:
         if isinstance(piece, Piece):
             yield from line.passed(piece)
@@ -83,7 +83,7 @@ def merged(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iter
     yield from line.take(None)
 
 
-class _Line:
+class _RecordQueue:
     """Records that wait for earlier ones: they are sorted once per half of `PATIENCE`."""
 
     def __init__(self, layout: int, size: tuple[int, int]) -> None:
@@ -137,7 +137,7 @@ class _Line:
                 axis=1,
             )
             words = np.clip(np.rint(values), -FULL, FULL - 1).astype(np.int64) & 0xFFFF
-            yield samples.t.repeat(7), (BESIDE | INERTIAL | np.arange(7) << 28 | words << 12).ravel()
+            yield samples.t.repeat(7), (NOT_EVENT | INERTIAL | np.arange(7) << 28 | words << 12).ravel()
 
     def _frames(self, frames: Iterable[Frame]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for frame in frames:
@@ -146,7 +146,7 @@ class _Line:
             # column by column, from the top
             column = frame.x + np.arange(width).repeat(height)
             row = self._size[1] - 1 - frame.y - np.tile(np.arange(height), width)
-            place = BESIDE | row << 22 | column << 12
+            place = NOT_EVENT | row << 22 | column << 12
             light = (frame.pixels.T.ravel() >> DEPTH).astype(np.int64)
             for kind, reading, ends in (
                 (BEFORE, np.full_like(light, MAX_READING), (frame.start, frame.exposure_start)),
@@ -163,7 +163,7 @@ class _Line:
             raise ValueError(f"AEDAT 2.0 of a sensor up to 128x128 is written as a DVS128's, which holds no {what}")
 
 
-def inertial_of(timed: Timed, scales: Scales) -> Inertial:
+def davis_inertial(timed: Timed, scales: Scales) -> Inertial:
     """All inertial samples among the records of a file; incomplete ones are left out."""
     parts = []
     rest_t, rest = np.empty(0, np.int64), np.empty(0, np.uint32)
@@ -188,7 +188,7 @@ def inertial_of(timed: Timed, scales: Scales) -> Inertial:
     return Inertial.joined(parts)
 
 
-def frames_of(timed: Timed, size: tuple[int, int]) -> Iterator[Frame]:
+def davis_frames(timed: Timed, size: tuple[int, int]) -> Iterator[Frame]:
     """The frames among the records of a file, one by one; those that lack pixels are left out."""
     found = _whole_frames(timed, size)
     first, second = next(found, None), next(found, None)
@@ -228,5 +228,5 @@ def _beside(timed: Timed) -> Timed:
     """The records of a file that are not events: addresses, uint32, and times."""
     for raw, t in timed:
         addresses = raw.view(">u4")[::2].astype(np.uint32)
-        which = addresses >= BESIDE
+        which = addresses >= NOT_EVENT
         yield addresses[which], t[which]

@@ -23,7 +23,7 @@ from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.aedat3 import (
     ADDED,
     CUT,
@@ -68,9 +68,9 @@ class Aedat3Recording(FileRecording):
                 path, "AEDAT 3.0 of an unknown camera counts y from the bottom: pass sensor_size", offset=0
             )
         self._start = end
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
         self._found: np.ndarray | None = None
-        self._contents.let_go()
+        self._contents.drop_head()
 
     def _size_of(self, source: str) -> tuple[int, int] | None:
         stated = re.fullmatch(r"NVSDATA-(\d+)X(\d+)", source)
@@ -188,7 +188,7 @@ def write(pieces: Pieces, path: Path) -> None:
     """
     width, height = pieces.sensor_size
     name = next((name for name, size in SENSORS.items() if size == (width, height)), f"nvsdata-{width}x{height}")
-    with headed(path, pieces, partial(_header, name)) as file:
+    with file_with_header(path, pieces, partial(_header, name)) as file:
         for events in pieces:
             for packet in _packets(events):
                 file.write(packet)

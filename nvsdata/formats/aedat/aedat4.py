@@ -19,9 +19,9 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns, check_window, concatenate
 from nvsdata.data.samples import Frame, Inertial, Triggers, within
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 from nvsdata.formats.aedat.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
-from nvsdata.formats.aedat.aedat4_samples import LONG, frame_of, inertial_of, triggers_of
+from nvsdata.formats.aedat.aedat4_samples import LONG, unpack_frame, unpack_inertial, unpack_triggers
 from nvsdata.formats.aedat.aedat4_writer import SOURCE, write
 from nvsdata.formats.aedat.flatbuffer import Table
 from nvsdata.formats.contents import MOST_HEADER, Allowance, Contents, most_bytes
@@ -65,9 +65,9 @@ class Aedat4Recording(FileRecording):
         self._stated = self._streams["EVTS"][1]
         if self._size is None and "sizeX" in self._stated and "sizeY" in self._stated:
             self._size = stated_size(path, self._stated["sizeX"], self._stated["sizeY"])
-        self._lasts(stated_time([self._stated.get("time", "")]))
+        self._state_times(stated_time([self._stated.get("time", "")]))
         self._listed: dict[str, Packets | None] = {}
-        self._contents.let_go()
+        self._contents.drop_head()
 
     @property
     def holds_samples(self) -> bool:  # type: ignore[override]
@@ -102,18 +102,18 @@ class Aedat4Recording(FileRecording):
         None if there is no table that makes sense.
         """
         if kind not in self._listed:
-            told = self._told
-            found = None if told is None else told.of(self._streams[kind][0])
+            listed = self._file_table
+            found = None if listed is None else listed.of(self._streams[kind][0])
             self._listed[kind] = self._kept_or_walked() if found is None and kind == "EVTS" else found
         return self._listed[kind]
 
     def _kept_or_walked(self) -> Packets | None:
         """The packets of events of a large file without a table: as kept beside it, or by a pass, and kept then."""
         stamp = self._contents.stamp
-        if not self.strict or stamp is None or stamp[0] < kept_index.LEAST:
+        if not self.strict or stamp is None or stamp[0] < index_cache.LEAST:
             return None
         about: dict[str, object] = {"format": self.format, "stamp": stamp, "ends": "in order"}
-        kept = (kept_index.restore(self.path, about, stamp[0]) or {}).get("packets")
+        kept = (index_cache.load_index(self.path, about, stamp[0]) or {}).get("packets")
         if kept is not None and self._fits(kept):
             self._restored = True
             return Packets(*kept)
@@ -125,7 +125,7 @@ class Aedat4Recording(FileRecording):
                 ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (1, 0)
                 rows.append((self._streams["EVTS"][0], at + HEADER, len(packet), t.size, *ends))
         packets = np.array(rows, np.int64).reshape(-1, len(Packets._fields)).T
-        kept_index.keep(self.path, about, max(stamp[1:3]), {"packets": packets})
+        index_cache.save_index(self.path, about, max(stamp[1:3]), {"packets": packets})
         return Packets(*packets)
 
     def _fits(self, kept: np.ndarray) -> bool:
@@ -137,7 +137,7 @@ class Aedat4Recording(FileRecording):
         inside = not edges.size or (edges[0] >= self._first and edges[-1] <= self._end and is_sorted(edges))
         if not (inside and (packets.size > 0).all() and (packets.elements > 0).all()):
             return False
-        some_packets, left = packets.take(kept_index.some_of(packets.at.size)), self._allowance
+        some_packets, left = packets.take(index_cache.entries_to_compare(packets.at.size)), self._allowance
         try:
             heads = [self._contents.read(at - HEADER, at).view("<i4").tolist() for at in some_packets.at.tolist()]
             if heads != np.stack((some_packets.stream, some_packets.size), 1).tolist():
@@ -149,7 +149,7 @@ class Aedat4Recording(FileRecording):
         return self._agree(some_packets, parts) or not packets.ordered
 
     @cached_property
-    def _told(self) -> Packets | None:
+    def _file_table(self) -> Packets | None:
         """The packets of all streams by that table; None if there is none that tells what lies where."""
         if not self.strict or self._end == self._contents.size:
             return None
@@ -330,13 +330,13 @@ class Aedat4Recording(FileRecording):
         yield from self._readable(packets, read, f"packets of {kind}", some=False)
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
-        return within(self._samples("FRME", frame_of, start, stop), start, stop)
+        return within(self._samples("FRME", unpack_frame, start, stop), start, stop)
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
-        return Inertial.joined(list(self._samples("IMUS", inertial_of, start, stop))).window(start, stop)
+        return Inertial.joined(list(self._samples("IMUS", unpack_inertial, start, stop))).window(start, stop)
 
     def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
-        return Triggers.joined(list(self._samples("TRIG", triggers_of, start, stop))).window(start, stop)
+        return Triggers.joined(list(self._samples("TRIG", unpack_triggers, start, stop))).window(start, stop)
 
 
 def _events_of(payload: memoryview) -> np.ndarray:

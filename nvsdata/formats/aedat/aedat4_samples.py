@@ -20,7 +20,7 @@ SAMPLE_LAYOUT = layout_of(SAMPLE.itemsize, (8, 4, 16, 20, 24, 28, 32, 36))
 FRAME_LAYOUT = layout_of(60, (4, 12, 20, 28, 36, 52, 44, 46, 48, 50, 56))
 
 
-def frame_of(payload: memoryview) -> Frame:
+def unpack_frame(payload: memoryview) -> Frame:
     """The frame of a packet; of a colored one, its gray values."""
     table = Table.root(payload, 4, b"FRME")
     time = table.number(0, "<q", 0)
@@ -41,7 +41,7 @@ def frame_of(payload: memoryview) -> Frame:
     return Frame(first, begin, max(end, begin), max(last, end, begin), x, y, _gray(pixels).astype(np.uint16))
 
 
-def packed_frame(frame: Frame) -> bytes:
+def pack_frame(frame: Frame) -> bytes:
     """The content of a packet with a frame: 8 bits per pixel if they hold it, else 16."""
     height, width = frame.pixels.shape
     if min(height, width) < 1 or max(height, width, abs(frame.x), abs(frame.y)) > LARGEST:
@@ -72,14 +72,14 @@ def _gray(pixels: np.ndarray) -> np.ndarray:
     return gray
 
 
-def inertial_of(payload: memoryview) -> Inertial:
+def unpack_inertial(payload: memoryview) -> Inertial:
     """The inertial samples of a packet."""
     rows = Rows(payload, *Table.root(payload, 4, b"IMUS").vector(0))
     temperature, *rest = (rows.column(field, "<f4") for field in range(1, 8))
     return Inertial(rows.column(0, "<i8"), np.stack(rest[:3], 1), np.stack(rest[3:], 1), temperature)
 
 
-def packed_inertial(samples: Inertial) -> bytes:
+def pack_inertial(samples: Inertial) -> bytes:
     """The content of a packet with inertial samples."""
     rows = np.zeros(samples.t.size, SAMPLE)
     for name, column in samples._asdict().items():
@@ -87,7 +87,7 @@ def packed_inertial(samples: Inertial) -> bytes:
     return packed_vector(b"IMUS", rows, SAMPLE_LAYOUT)
 
 
-def triggers_of(payload: memoryview) -> Triggers:
+def unpack_triggers(payload: memoryview) -> Triggers:
     """The external triggers of a packet; a pulse counts as rising."""
     rows = Rows(payload, *Table.root(payload, 4, b"TRIG").vector(0))
     kind = rows.column(1, "<i1")

@@ -13,9 +13,9 @@ import numpy as np
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
 from nvsdata.formats.aedat.aedat4_packets import EVENT, LZ4, MAGIC, PACKET, deflater
-from nvsdata.formats.aedat.aedat4_samples import packed_frame, packed_inertial
+from nvsdata.formats.aedat.aedat4_samples import pack_frame, pack_inertial
 from nvsdata.formats.aedat.flatbuffer import layout_of, packed_vector
-from nvsdata.formats.writing import Pieces, headed, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, time_comment
 
 MOST = 8192  # events in a packet
 SOURCE = "nvsdata"  # where a file names the camera
@@ -69,7 +69,7 @@ def write(pieces: Pieces, path: Path) -> None:
         camera = re.sub(r"[^ -~]|[<>&]", "?", str(about.get("camera", SOURCE)))
         return _header(_xml(pieces, seen, camera[:LONGEST]).ljust(ROOM), end)
 
-    with headed(path, pieces, header) as file:
+    with file_with_header(path, pieces, header) as file:
         for piece in pieces:
             for stream, content, times in _packets(piece):
                 packed = compress(content)
@@ -87,9 +87,9 @@ def _packets(piece: Events) -> Iterator[tuple[int, bytes, Sequence[int] | np.nda
         yield EVENTS, _events(part), part.t
     if isinstance(piece, Piece):
         for frame in piece.frames:
-            yield FRAMES, packed_frame(frame), [frame.exposure_start]
+            yield FRAMES, pack_frame(frame), [frame.exposure_start]
         if piece.inertial.t.size:
-            yield SAMPLES, packed_inertial(piece.inertial), piece.inertial.t
+            yield SAMPLES, pack_inertial(piece.inertial), piece.inertial.t
 
 
 def _xml(pieces: Pieces, streams: Set[int], source: str) -> str:

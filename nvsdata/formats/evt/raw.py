@@ -20,7 +20,7 @@ from nvsdata.data.samples import Triggers
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.indexed import Entry, IndexedFile
 from nvsdata.formats.records import Blocks, stated_size
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.clock import BACK_US, SILENT_US, kept_words
 from nvsdata.kernels.decode.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, TIME, UNSEEN
 from nvsdata.kernels.decode.order import is_sorted
@@ -64,7 +64,7 @@ class EvtRecording(IndexedFile):
         stated = _stated_size(self.header)
         if self._size is None and stated:
             self._size = stated_size(path, *stated)
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
 
     def _index(self) -> Blocks:
         """The index, by the last event before each block, because a block's first word needn't be an event."""
@@ -212,7 +212,7 @@ def write_words(
             f"{line}\n" for line in (*(f"% {line}" for line in lines), time_comment(pieces, "%"), "% end")
         ).encode()
 
-    with headed(path, pieces, header) as file:
+    with file_with_header(path, pieces, header) as file:
         for events in pieces:
             if events.t[0] < 0 or events.t[-1] >= 1 << bits:
                 first, last = events.t[0], events.t[-1]

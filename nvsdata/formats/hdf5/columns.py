@@ -24,12 +24,12 @@ SCANNED = 1 << 20  # values that are checked at a time
 BISECTED = 512  # this many values or fewer are read instead of bisected further
 
 
-class Source(OpenFile):
+class ColumnFile(OpenFile):
     """A file, open while a block reads its columns; the HDF5 library opens it only for columns that it must decode."""
 
     __slots__ = ("_chunks", "_library")
 
-    def __enter__(self) -> Source:
+    def __enter__(self) -> ColumnFile:
         super().__enter__()
         self._library: AbstractContextManager[Any] | None = None
         return self
@@ -56,14 +56,14 @@ class Column(ABC):
         self.name, self.size = name, size
         self._seen: dict[int, int] = {}  # values that bisections have read: many bisections share their first ones
 
-    def value(self, source: Source, i: int) -> int:
+    def value(self, source: ColumnFile, i: int) -> int:
         """The value at index i."""
         if i not in self._seen:
             self._seen[i] = int(self.read(source, i, i + 1)[0])
         return self._seen[i]
 
     @abstractmethod
-    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+    def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         """Values lo..hi in new memory: of type `kind` if it holds all values of the stored type, else of that type."""
 
 
@@ -77,7 +77,7 @@ class Plain(Column):
             if place + min(length, size - i * length) * kind.itemsize > file.size:
                 raise FormatError(file.path, f"truncated within /{name}", offset=place)
 
-    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+    def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         widened = kind is not None and np.can_cast(self.kind, kind)
         values = np.empty(max(hi - lo, 0), kind if widened else self.kind)
         room = np.empty(min(values.size, BLOCK // self.kind.itemsize), self.kind) if widened else values
@@ -101,7 +101,7 @@ class Stored(Column):
         super().__init__(name, size)
         self._field = field
 
-    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+    def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.chunks(self.name).read(lo, max(lo, hi))
         # in one piece: kernels take no numbers that lie between others
         values = np.ascontiguousarray(rows if self._field is None else rows[self._field])
@@ -128,7 +128,7 @@ def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
     return Plain(file, name, np.dtype(np.uint8) if kind.kind == "b" else kind, shape[0], places, length)
 
 
-def narrowed(column: Column, source: Source, value: int) -> tuple[int, int]:
+def bisected(column: Column, source: ColumnFile, value: int) -> tuple[int, int]:
     """Two indices at most `BISECTED` apart, between which a column that never falls first reaches `value`."""
     lo, hi = 0, column.size
     while hi - lo > BISECTED:
@@ -140,7 +140,7 @@ def narrowed(column: Column, source: Source, value: int) -> tuple[int, int]:
     return lo, hi
 
 
-def rises(column: Column, source: Source) -> bool:
+def rises(column: Column, source: ColumnFile) -> bool:
     """Whether no value of a column is smaller than the one before it."""
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))

@@ -33,9 +33,9 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
 from nvsdata.data.samples import Frame, Inertial
 from nvsdata.formats.contents import Allowance
-from nvsdata.formats.file_recording import FileRecording, polarity
+from nvsdata.formats.file_recording import FileRecording, as_polarity
 from nvsdata.formats.hdf5.chunks import values_of
-from nvsdata.formats.hdf5.columns import Column, Source, Stored, column_of, narrowed, rises
+from nvsdata.formats.hdf5.columns import Column, ColumnFile, Stored, bisected, column_of, rises
 from nvsdata.formats.hdf5.file import (
     attribute,
     check_version,
@@ -74,7 +74,7 @@ class Hdf5Recording(FileRecording):
                 check_version(path, file, VERSION)
             self._size = self._size or self._stated(file, kind == NAME)
             if kind == NAME and attribute(file, "start") is not None:
-                self._lasts((number_of(path, file, "start"), number_of(path, file, "end")))
+                self._state_times((number_of(path, file, "start"), number_of(path, file, "end")))
             self._columns = self._find(file)
             promised = strict and (kind == NAME or self._promises_order(file))
         self._ordered = True if promised else None  # None: not known
@@ -117,23 +117,23 @@ class Hdf5Recording(FileRecording):
         raise FormatError(self.path, f"/t_offset is {value}, not a time in µs below 2^62")
 
     def decode(self) -> Columns:
-        with Source(self._file) as source:
+        with ColumnFile(self._file) as source:
             t = self._times(source, 0, self._columns["t"].size)
             if self._ordered and not self._rises:
                 late = int(np.argmax(t[1:] < t[:-1])) + 1
                 raise FormatError(self.path, f"event {late} is earlier than the one before it")
             return self._events(source, 0, t)
 
-    def _events(self, source: Source, first: int, t: np.ndarray) -> Columns:
+    def _events(self, source: ColumnFile, first: int, t: np.ndarray) -> Columns:
         """Events first, first + 1, ..., as many as there are times `t`, which have been read."""
         x, y, p = (self._read(source, name, first, first + t.size) for name in "xyp")
-        inside = self._inside((t, x, y, polarity(p)), first)
+        inside = self._inside((t, x, y, as_polarity(p)), first)
         return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
 
-    def _read(self, source: Source, name: str, lo: int, hi: int) -> np.ndarray:
+    def _read(self, source: ColumnFile, name: str, lo: int, hi: int) -> np.ndarray:
         return self._columns[name].read(source, lo, hi, TYPES[name])
 
-    def _times(self, source: Source, lo: int, hi: int) -> np.ndarray:
+    def _times(self, source: ColumnFile, lo: int, hi: int) -> np.ndarray:
         """Times lo..hi in µs, int64; sets `_rises`: whether they never fall."""
         t = self._read(source, "t", lo, hi)
         ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
@@ -152,11 +152,11 @@ class Hdf5Recording(FileRecording):
     def decode_window(self, start: int, stop: int) -> Columns | None:
         """Decode a window found by bisection over t; None if the times around it show that the bisection went wrong."""
         t = self._columns["t"]
-        with Source(self._file) as source:
+        with ColumnFile(self._file) as source:
             if not self._in_order(source):
                 return None
-            before, _ = narrowed(t, source, start - self._offset)
-            _, after = narrowed(t, source, stop - self._offset)
+            before, _ = bisected(t, source, start - self._offset)
+            _, after = bisected(t, source, stop - self._offset)
             first, last = max(before - AROUND, 0), min(after + AROUND, t.size)
             around = self._times(source, first, last)
             lo, hi = around.searchsorted((start, stop)).tolist()
@@ -164,7 +164,7 @@ class Hdf5Recording(FileRecording):
                 return None
             return self._events(source, first + lo, around[lo:hi])
 
-    def _in_order(self, source: Source) -> bool:
+    def _in_order(self, source: ColumnFile) -> bool:
         """Whether times never fall; if the layout doesn't promise it, all times are checked, once."""
         if self._ordered is None:
             t = self._columns["t"]
@@ -175,14 +175,14 @@ class Hdf5Recording(FileRecording):
                     self._check_time(*edges)
         return self._ordered
 
-    def _edges(self, source: Source) -> tuple[int, int]:
+    def _edges(self, source: ColumnFile) -> tuple[int, int]:
         last = self._columns["t"].size - 1
         return int(self._times(source, 0, 1)[0]), int(self._times(source, last, last + 1)[0])
 
     def decode_span(self) -> tuple[int, int] | None:
         if not self.strict or not self._columns["t"].size:
             return None
-        with Source(self._file) as source:
+        with ColumnFile(self._file) as source:
             return self._edges(source) if self._in_order(source) else None
 
     def _datasets(self, file: Any) -> Callable[[str], Any]:

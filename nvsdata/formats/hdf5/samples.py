@@ -34,7 +34,7 @@ CHUNK, CHUNK_PIXELS = 1 << 12, 1 << 16  # rows, and pixels, per chunk
 GATHERED = 64  # frames, or pieces with inertial samples, that are written together
 
 
-class Beside:
+class SampleWriter:
     """Writes what pieces carry besides events to an HDF5 file while they pass; `finish` writes the rest.
 
     `check` is called for each piece; it raises errors of the disk.

@@ -13,7 +13,7 @@ from nvsdata.common.files import flushed_early
 from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.formats.contents import fast_zlib
 from nvsdata.formats.hdf5.disk import created
-from nvsdata.formats.hdf5.samples import Beside
+from nvsdata.formats.hdf5.samples import SampleWriter
 from nvsdata.formats.writing import Pieces
 
 NAME, VERSION = "nvsdata-events", 1
@@ -31,7 +31,7 @@ def write(pieces: Pieces, path: Path, *, compressed: bool = False) -> None:
     """
     width, height = pieces.sensor_size
     with created(path) as (file, disk):
-        beside = Beside(file, disk.check)
+        beside = SampleWriter(file, disk.check)
         chunks = _of_one_size(beside.passing(pieces), DEFLATED if compressed else CHUNK)
         most = 0 if compressed else CONTIGUOUS
         waiting = list(islice(chunks, most + 1)) or [Columns.empty(0)]
@@ -39,7 +39,7 @@ def write(pieces: Pieces, path: Path, *, compressed: bool = False) -> None:
         kinds = {"t": clock, "x": _coordinate(width), "y": _coordinate(height), "p": np.uint8}
         file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=width, height=height)
         if len(waiting) > most:
-            place = Place(file, max(waiting[0].t.size, 1), compressed)
+            place = ChunkWriter(file, max(waiting[0].t.size, 1), compressed)
             with flushed_early(path):
                 offset = _write_chunks(place, disk.check, chain(waiting, chunks), kinds, offset)
         else:
@@ -71,7 +71,7 @@ def _stored(columns: Columns, kinds: dict[str, Any], offset: int) -> list[np.nda
     return [values.astype(kind, copy=False) for values, kind in zip((t, *columns[1:]), kinds.values(), strict=True)]
 
 
-class Place(NamedTuple):
+class ChunkWriter(NamedTuple):
     """Where chunks go: the file, events per chunk, and whether they are compressed."""
 
     file: Any
@@ -95,7 +95,7 @@ class Place(NamedTuple):
 
 
 def _write_chunks(
-    place: Place, check: Callable[[], None], pieces: Iterable[Columns], kinds: dict[str, Any], offset: int
+    place: ChunkWriter, check: Callable[[], None], pieces: Iterable[Columns], kinds: dict[str, Any], offset: int
 ) -> int:
     """Write pieces that fill a chunk each, and `check` the disk after each; returns the µs subtracted from times."""
     datasets = {name: place.endless(name, kind) for name, kind in kinds.items()}
@@ -113,7 +113,7 @@ def _write_chunks(
     return offset
 
 
-def _widened(place: Place, offset: int) -> Any:
+def _widened(place: ChunkWriter, offset: int) -> Any:
     """The column of times converted to int64, because the recording is longer than uint32 can represent."""
     narrow, wide = place.file["events/t"], place.endless("wide", np.int64)
     for start in range(0, narrow.size, place.length):

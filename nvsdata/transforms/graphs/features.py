@@ -11,7 +11,7 @@ import torch
 
 from nvsdata.data.events import Events, check_inside
 from nvsdata.data.graph import Graph
-from nvsdata.data.recording import Recording, as_events, events_inside, misplaced
+from nvsdata.data.recording import Recording, as_events, events_inside, wrong_type
 from nvsdata.kernels.represent.patches import merged_pixels, patch_counts
 from nvsdata.transforms.compose import is_deterministic
 
@@ -174,7 +174,7 @@ def _check_given(events: Events, nodes: Graph) -> None:
     """TypeError unless a feature is given what it is of."""
     for kind, given in ((Events, events), (Graph, nodes)):
         if not isinstance(given, kind):
-            raise misplaced("Events and their Graph, as NodeFeatures gives them", given)
+            raise wrong_type("Events and their Graph, as NodeFeatures gives them", given)
 
 
 def _share(t: np.ndarray, events: Events) -> np.ndarray:

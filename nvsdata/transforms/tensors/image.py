@@ -14,7 +14,7 @@ from nvsdata.common.memory import check_memory, zeros
 from nvsdata.common.validation import positive, probability, whole
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, events_inside, misplaced
+from nvsdata.data.recording import Recording, events_inside, wrong_type
 from nvsdata.kernels.represent.frames import counted
 from nvsdata.transforms.apply import change_all, follow
 from nvsdata.transforms.events.crops import crop_events, resize_events
@@ -200,7 +200,7 @@ def as_image(image: Any, axes: int = 2, *, floats: bool = False) -> torch.Tensor
     than `floats`.
     """
     if not isinstance(image, torch.Tensor) or image.ndim < axes:
-        raise misplaced("a tensor [..., H, W], such as EventImage or ToFrames gives", image)
+        raise wrong_type("a tensor [..., H, W], such as EventImage or ToFrames gives", image)
     if floats and not image.is_floating_point():
         raise TypeError(f"it takes a tensor of floating-point numbers, not of {image.dtype}: convert it by .float()")
     return image
@@ -219,7 +219,7 @@ def _check_kind(image: Any) -> None:
         isinstance(part, Events | Recording) for part in (image if isinstance(image, list | tuple) else [image])
     )
     if not events and not (isinstance(image, torch.Tensor) and image.ndim >= 2):
-        raise misplaced("a tensor [..., H, W], Events, a Recording or a list of Events", image)
+        raise wrong_type("a tensor [..., H, W], Events, a Recording or a list of Events", image)
 
 
 def _holds(image: Any, side: int) -> tuple[int, int]:

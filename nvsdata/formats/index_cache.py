@@ -35,13 +35,13 @@ def path_of(path: str) -> Path:
     return Path(folder, f".{name}{SUFFIX}")
 
 
-def some_of(count: int) -> np.ndarray:
+def entries_to_compare(count: int) -> np.ndarray:
     """Return which of `count` entries of an index to compare with the file: the first, the last and some at random."""
     inner = np.random.default_rng().integers(0, max(count, 1), COMPARED)
     return np.unique(np.append(inner, (0, count - 1))) if count else inner[:0]
 
 
-def restore(path: str, about: dict[str, object], most: int = MOST) -> Arrays | None:
+def load_index(path: str, about: dict[str, object], most: int = MOST) -> Arrays | None:
     """Return the arrays kept for a file with these facts `about` it; None if there are none, or over `most` bytes."""
     try:
         content = read_own(path_of(path), most)
@@ -57,7 +57,7 @@ def restore(path: str, about: dict[str, object], most: int = MOST) -> Arrays | N
     return arrays if known else None
 
 
-def keep(path: str, about: dict[str, object], modified: int, arrays: Arrays) -> None:
+def save_index(path: str, about: dict[str, object], modified: int, arrays: Arrays) -> None:
     """Keep arrays for a file that was `modified` at a time (ns since 1970), if that is long enough ago."""
     if time.time_ns() - modified < SETTLED_NS or path.endswith(PART):
         return
