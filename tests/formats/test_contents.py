@@ -125,7 +125,7 @@ def test_a_header_without_end_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(contents, "MOST_HEADER", 2 * HEAD)
     raw = b"#\n" * 4 * HEAD
     (tmp_path / "a").write_bytes(raw)
-    with pytest.raises(FormatError, match=f"a header of more than {2 * HEAD} bytes"):
+    with pytest.raises(FormatError, match=f"the header has more than {2 * HEAD} bytes"):
         Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#")
     raw = b"#\n" * HEAD + b"events"
     (tmp_path / "a").write_bytes(raw)

@@ -347,7 +347,7 @@ def test_rows_that_atis_files_cannot_hold_are_told_or_dropped(tmp_path, monkeypa
             lambda recording: recording.read(5_300_000, 5_310_000),
         ]
         for read in reads:
-            with pytest.raises(FormatError, match="is damage: events have y below 240") as caught:
+            with pytest.raises(FormatError, match="is damage, because events have y below 240") as caught:
                 read(nvsdata.open(path, sensor_size=size))
             assert caught.value.offset == 5 * at[0]
         repaired = nvsdata.open(path, sensor_size=size, strict=False)

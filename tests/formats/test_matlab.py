@@ -111,7 +111,7 @@ def test_a_small_file_that_inflates_to_gigabytes_is_refused(tmp_path):
         elements = b"".join(struct.pack("<II", 15, len(body)) + body for body in bodies)
         (tmp_path / "a.mat").write_bytes(small[:128] + elements + small[128:])
         assert (tmp_path / "a.mat").stat().st_size < sum(sizes) / 900
-        with pytest.raises(FormatError, match=r"inflates too far: a file of .* is taken to hold 67108864 at most"):
+        with pytest.raises(FormatError, match=r"expands too far: a file of .* may expand to 67108864 at most"):
             nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE)
 
 

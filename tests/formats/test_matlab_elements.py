@@ -101,11 +101,11 @@ def test_a_compressed_element_that_is_cut_short_or_damaged(tmp_path, size):
     begin = len(HEAD + b"".join(others()))
     if size == 8:
         assert read(tmp_path, *others(), packed).t.tolist() == [5, 6, 7]
-        for wrong, reason in ((body[:-1], "a compressed element that is cut short"), (b"what", "damaged compressed")):
+        for wrong, reason in ((body[:-1], "a compressed element is truncated"), (b"what", "damaged compressed")):
             with pytest.raises(FormatError, match=f"byte {begin}: {reason}"):
                 read(tmp_path, *others(), struct.pack("<II", 15, len(wrong)) + wrong)
     else:
-        with pytest.raises(FormatError, match=f"byte {begin}: a compressed element that is cut short"):
+        with pytest.raises(FormatError, match=f"byte {begin}: a compressed element is truncated"):
             read(tmp_path, *others(), packed)
 
 
@@ -116,11 +116,11 @@ def test_elements_inflate_to_the_bound_all_together(tmp_path, monkeypatch):
     for times in (1, 3):
         monkeypatch.setattr(matlab, "most_bytes", lambda size, times=times: times * len(column))
         assert read(tmp_path, *others("ts"), packed * times).t.tolist() == [5, 6, 7]
-        with pytest.raises(FormatError, match="inflates too far: a file of") as caught:
+        with pytest.raises(FormatError, match="expands too far: a file of") as caught:
             read(tmp_path, *others("ts"), packed * (times + 1))
         size = (tmp_path / "a.mat").stat().st_size
         assert caught.value.reason == (
-            f"inflates too far: a file of {size} bytes is taken to hold {times * len(column)} at most"
+            f"expands too far: a file of {size} bytes may expand to {times * len(column)} at most"
         )
         assert caught.value.offset == len(HEAD + b"".join(others("ts"))) + times * len(packed)
 

@@ -69,7 +69,7 @@ def test_arrays_that_are_cut(tmp_path, cut, fortran):
     with pytest.raises(FormatError, match="truncated: ") as caught:
         opened(tmp_path, raw)
     torn = (96 - cut) % 32
-    reason = f"{torn} bytes are left over, a record takes 32" if torn else f"3 events, {left} are there"
+    reason = f"{torn} bytes are left over, but a record has 32" if torn else f"3 events, {left} are there"
     assert (caught.value.reason, caught.value.offset) == (f"truncated: {reason}", len(raw) - torn)
     if fortran:
         with pytest.raises(FormatError, match=f"truncated: 3 events, {left} are there"):
@@ -152,7 +152,7 @@ def test_events_that_strayed_over_a_block_are_told(tmp_path, monkeypatch, kind, 
             assert window == whole.window(start, start + 300)
         assert nvsdata.open(tmp_path / "a.npy").span == (0, 1_600)
         return
-    with pytest.raises(FormatError, match="events strayed by more than 4 records") as caught:
+    with pytest.raises(FormatError, match="events are displaced by more than 4 records") as caught:
         recording.read()
     assert caught.value.offset == recording.header_size + told * recording.record_size
 

@@ -30,7 +30,7 @@ def test_a_window_outside_is_told_to_the_caller(path, start, stop, shown):
     with pytest.warns(UserWarning, match="holds nothing") as caught:
         assert len(nvsdata.read(path, start, stop)) == 0
     (told,) = caught
-    holds = "holds nothing, its events lie at 100 to 200 µs; relative=True counts from the first"
+    holds = "has no events; the file's are at 100 to 200 µs; relative=True counts from the first"
     assert str(told.message) == f"{path}: the window {shown} {holds}"
     assert told.filename == __file__
 

@@ -122,7 +122,7 @@ def test_frames_of_aedat_4_at_time_0_and_none_that_it_cannot_hold(tmp_path):
     assert all(same(a, b) for a, b in zip(nvsdata.open(tmp_path / "a.aedat4").frames(), frames, strict=True))
     for x, shape in ((0, (1, 40_000)), (40_000, (1, 1)), (0, (0, 0))):
         frame = Frame(0, 1, 2, 3, x, 0, np.zeros(shape, np.uint16))
-        with pytest.raises(ValueError, match=r"a frame of .* at .*: AEDAT 4 holds 1 to 32767 pixels a side"):
+        with pytest.raises(ValueError, match=r"a frame of .* at .*: AEDAT 4 supports 1 to 32767 pixels along a side"):
             nvsdata.write(Piece.of_camera(Events.empty(SIZE), [frame]), tmp_path / "b.aedat4")
     assert not (tmp_path / "b.aedat4").exists()
 

@@ -1,4 +1,4 @@
-"""AEDAT 1.0 (jAER, DVS128): like AEDAT 2.0, but with 16-bit addresses; the oldest files don't state a version."""
+"""AEDAT 1.0 (jAER, DVS128): like AEDAT 2.0 with addresses of 16 bits. The oldest files don't state a version."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Aedat1Recording(aedat2.Aedat2Recording):
 
 
 def looks_like(head: bytes, _: int) -> bool:
-    """Whether a file that begins with `head` and states no version could be AEDAT 1.0: its times never fall.
+    """Return whether a file that begins with `head` and states no version could be AEDAT 1.0: its times never fall.
 
-    The file may be cut off.
+    The file may be truncated.
     """
     if head.startswith(b"#!"):
         return False
@@ -54,7 +54,7 @@ def write(pieces: Pieces, path: Path) -> None:
         raise ValueError(f"AEDAT 1.0 is written for sensors up to 128x128, not {width}x{height}")
     with file_with_header(path, pieces, partial(header_bytes, "1.0", name)) as file:
         for events in with_times_of_32_bits(pieces, "AEDAT 1.0"):
-            # the upper half of the address is 0 and is left out
+            # the upper half of the address, which is 0, is left out
             records = aedat2_encode(*events.columns, layout, *size).view(np.uint8).reshape(-1, 8)
             file.write(np.ascontiguousarray(records[:, 2:]).data)
 

@@ -1,24 +1,22 @@
-"""HDF5: nvsdata's own files, and the layouts of DSEC, of Metavision, and of plain columns.
+"""HDF5: nvsdata's own files, and the layouts of DSEC, Metavision and plain columns.
 
 nvsdata's own files:
 
-- `/events/t`, `x`, `y`, `p`: contiguous, so that a window is a slice of each; or in chunks of 2^18 events if there
-  are more than 2^21 (they are written as they come). t is uint32 µs, to which `/t_offset` is added if there is one, or
-  int64 where 71 minutes are not enough; x and y are uint8 where the sensor has at most 256 columns or rows, else
-  int16; p is uint8. This makes 7 to 9 bytes per event.
+- `/events/t`, `x`, `y`, `p`: contiguous, so that a window is a slice of each; in chunks of 2^18 events if there are
+  more than 2^21 events, which are written one chunk after the other. t is uint32 µs, to which `/t_offset` is added if
+  it exists, or int64 if 71 minutes aren't enough. x and y are uint8 if the sensor has at most 256 columns or rows,
+  otherwise int16. p is uint8. This makes 7 to 9 bytes per event.
 - frames and inertial samples: see `nvsdata.formats.hdf5.samples`
 - attributes of `/`: `format` ("nvsdata-events"), `version`, `width`, `height`
 
 Compressed files (of the format `hdf5-gzip`, or by h5repack) are read, too. `hdf5-gzip` has chunks of 2^14 events,
 shuffled and deflated.
 
-Other files: columns x, y, t, p below `/events` or `/`, also with `/t_offset` (DSEC), or one compound `/CD/events`
-(Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`),
-which is used if it is installed.
+Other files: columns x, y, t, p in `/events` or `/`, optionally with `/t_offset` (DSEC), or one compound `/CD/events`
+(Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`).
 
-All layouts except plain columns promise that times never fall, so a window is found by bisection. A file that breaks
-the promise is refused, or sorted if it isn't read strictly. For plain columns, all times are checked before the first
-window is read.
+In all layouts except plain columns, times never fall, so a window is found by bisection. A file out of order is
+refused, or sorted if `strict` is false. For plain columns, all times are checked before the first window is read.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ from nvsdata.kernels.decode.order import is_sorted
 
 STORE = "nvsdata-store"
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
-AROUND = 64  # events on either side of a window that are checked to be in order with it
+AROUND = 64  # events on each side of a window whose order with it is checked
 
 
 class Hdf5Recording(FileRecording):
@@ -77,7 +75,7 @@ class Hdf5Recording(FileRecording):
                 self._state_times((number_of(path, file, "start"), number_of(path, file, "end")))
             self._columns = self._find(file)
             promised = strict and (kind == NAME or self._promises_order(file))
-        self._ordered = True if promised else None  # None: not known
+        self._ordered = True if promised else None  # None: unknown
         lengths = {name: column.size for name, column in self._columns.items()}
         if len(set(lengths.values())) != 1:
             raise FormatError(path, f"columns of different lengths: {lengths}")
@@ -88,7 +86,7 @@ class Hdf5Recording(FileRecording):
         return stated_size(self.path, number_of(self.path, file, "width"), number_of(self.path, file, "height"))
 
     def _promises_order(self, file: Any) -> bool:
-        """Whether the layout is one of those whose times never fall: Metavision's, and DSEC's with its index."""
+        """Return whether times never fall in this layout: Metavision's, and DSEC's with its index."""
         return any(found_in(self.path, file.id, name) is not None for name in ("CD/events", "ms_to_idx"))
 
     def _find(self, file: Any) -> dict[str, Column]:
@@ -125,7 +123,7 @@ class Hdf5Recording(FileRecording):
             return self._events(source, 0, t)
 
     def _events(self, source: ColumnFile, first: int, t: np.ndarray) -> Columns:
-        """Events first, first + 1, ..., as many as there are times `t`, which have been read."""
+        """Return the events from index `first` on whose times `t` have been read."""
         x, y, p = (self._read(source, name, first, first + t.size) for name in "xyp")
         inside = self._inside((t, x, y, as_polarity(p)), first)
         return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
@@ -134,7 +132,7 @@ class Hdf5Recording(FileRecording):
         return self._columns[name].read(source, lo, hi, TYPES[name])
 
     def _times(self, source: ColumnFile, lo: int, hi: int) -> np.ndarray:
-        """Times lo..hi in µs, int64; sets `_rises`: whether they never fall."""
+        """Return times lo..hi in µs, int64, and set `_rises`."""
         t = self._read(source, "t", lo, hi)
         ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
         if not ends or ends[0] < LATEST - self._offset:
@@ -143,14 +141,14 @@ class Hdf5Recording(FileRecording):
             ends = [int(end) for end in ((t[0], t[-1]) if self._rises else (t.min(), t.max()))] if t.size else []
         far = next((end for end in ends if not -LATEST < end + self._offset < LATEST), None)
         if far is not None:
-            raise FormatError(self.path, f"/{self._columns['t'].name} holds {far}: at or beyond 2^62 µs")
+            raise FormatError(self.path, f"/{self._columns['t'].name} has the time {far}, at or beyond 2^62 µs")
         if self._offset:
-            # in place: this memory is not shared
+            # in place, because this memory isn't shared
             t += self._offset
         return t
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode a window found by bisection over t; None if the times around it show that the bisection went wrong."""
+        """Decode a window found by bisection over t; return None if the times around it are out of order."""
         t = self._columns["t"]
         with ColumnFile(self._file) as source:
             if not self._in_order(source):
@@ -165,7 +163,7 @@ class Hdf5Recording(FileRecording):
             return self._events(source, first + lo, around[lo:hi])
 
     def _in_order(self, source: ColumnFile) -> bool:
-        """Whether times never fall; if the layout doesn't promise it, all times are checked, once."""
+        """Return whether times never fall; unless the layout ensures it, all times are checked, once."""
         if self._ordered is None:
             t = self._columns["t"]
             self._ordered = rises(t, source)
@@ -186,7 +184,7 @@ class Hdf5Recording(FileRecording):
             return self._edges(source) if self._in_order(source) else None
 
     def _datasets(self, file: Any) -> Callable[[str], Any]:
-        """What gives the datasets of an open file by name, as long as they don't inflate too far all together."""
+        """Return a function that gives datasets of an open file by name, within one limit of decompression."""
         return partial(dataset_of, self.path, file, left=Allowance(self._file.size))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
