@@ -41,7 +41,7 @@ def test_any_bytes_are_read(opened):
 
 def test_a_piece_longer_than_the_kept_buffers(tmp_path, monkeypatch):
     monkeypatch.setattr(contents, "PIECE", 100)
-    monkeypatch.setattr(contents, "_ROOMS", [])
+    monkeypatch.setattr(contents, "_BUFFERS", [])
     raw = np.random.default_rng(0).integers(0, 256, LONG, np.uint8).tobytes()
     (tmp_path / "a").write_bytes(raw)
     found = Contents(str(tmp_path / "a"), raw[:HEAD])
