@@ -40,7 +40,7 @@ def frame_bounds(events: Events, origin: int, edges: np.ndarray) -> np.ndarray:
     """Return the index of the first event of each frame, and the end of the last frame: int64 [frames + 1].
 
     `edges` count from `origin`. A frame contains the events after its start, up to and including its end, because
-    events that an emulator makes of a video's frame may have exactly that frame's time. The first frame also contains
+    events emulated from a video's frame may have exactly that frame's time. The first frame also contains
     the events at its start.
     """
     bounds = np.searchsorted(events.t, origin + edges, "right")

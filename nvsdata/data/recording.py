@@ -71,7 +71,7 @@ class Recording(ABC):
 
     @property
     def knows_span(self) -> bool:
-        """Whether `span` is known without decoding more events."""
+        """True if `span` is known without decoding more events."""
         return True
 
     @property

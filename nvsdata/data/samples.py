@@ -131,7 +131,7 @@ class Piece(Events):
 
     @property
     def is_empty(self) -> bool:
-        """Whether the piece has neither events nor other data."""
+        """True if the piece has neither events nor other data."""
         return not (len(self) or len(self.frames) or self.inertial.t.size or self.about)
 
 

@@ -61,7 +61,7 @@ class AtisRecording(IndexedFile):
 
     @property
     def _short(self) -> bool:
-        """Whether the entire file is decoded for a window; an index would take as long, since it needs every record."""
+        """True if the entire file is decoded for a window; an index would take as long, since it needs every record."""
         return self.records <= SHORT * self.block
 
     def decode_window(self, start: int, stop: int) -> Columns | None:

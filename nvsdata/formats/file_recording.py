@@ -78,7 +78,7 @@ class FileRecording(Recording):
 
     @property
     def certainly_rises(self) -> bool:
-        """Whether all times were checked and never fall, so that consecutive windows contain all events."""
+        """True if all times were checked and never fall, so that consecutive windows contain all events."""
         return False
 
     def decode_size(self) -> tuple[int, int]:

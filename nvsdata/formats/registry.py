@@ -118,6 +118,10 @@ def register_format(added: Format) -> Format:
     Raises:
         ValueError: If the name is taken.
         TypeError: If it isn't a Format.
+
+    Example:
+        >>> from nvsdata.formats import text
+        >>> register_format(Format("notes", (".note",), text.TextRecording))  # doctest: +SKIP
     """
     if not isinstance(added, Format):
         raise TypeError(f"register_format takes a Format, not {added!r}")
@@ -183,15 +187,22 @@ def _seems(one: Format, head: bytes, size: int) -> bool:
 
 def _warn(one: Format, error: Exception) -> None:
     reason = f"{type(error).__name__}: {shown(error)}"
-    warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=5)
+    warnings.warn(f"the format {one.name!r} failed to check whether a file is of this format: {reason}", stacklevel=5)
 
 
 def writer_of(path: str | os.PathLike[str], format: str | None = None) -> Format:
-    """The format in which a new file `path` is written.
+    """Return the format in which a new file is written.
 
-    - `format`: its name; default: by the extension, EVT3 for `.raw`
+    Args:
+        path: The file, whose extension selects the format.
+        format: Name of the format, if the extension has several (default: the first one, EVT3 for `.raw`).
 
-    ValueError if no format with that extension and name can be written.
+    Raises:
+        ValueError: If no format with that extension and name can be written.
+
+    Example:
+        >>> writer_of("a.raw", None).name
+        'evt3'
     """
     suffix = Path(path).suffix.lower()
     for _ in range(2):
@@ -208,5 +219,10 @@ def writer_of(path: str | os.PathLike[str], format: str | None = None) -> Format
 
 
 def suffixes() -> tuple[str, ...]:
-    """Return the extensions of all formats, each once, in lower case with their dot."""
+    """Return the extensions of all formats, each once, in lower case with their dot.
+
+    Example:
+        >>> ".aedat4" in suffixes()
+        True
+    """
     return tuple(dict.fromkeys(suffix for one in FORMATS.values() for suffix in one.suffixes))

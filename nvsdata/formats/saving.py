@@ -75,6 +75,14 @@ def left_out(recording: Recording, path: str | os.PathLike[str], format: str | N
 
     Raises:
         ValueError: For an extension or a format that can't be written.
+
+    Example:
+        >>> import nvsdata, os, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = os.path.join(folder, "a.h5")
+        ...     _ = write(Events([0, 10], [0, 3], [1, 1], [1, 0]), path)
+        ...     left_out(nvsdata.open(path), "a.txt")
+        []
     """
     how, found = writer_of(path, format), []
     if recording.holds_samples and not how.holds_samples and _has_samples(recording):

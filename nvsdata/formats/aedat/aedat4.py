@@ -71,7 +71,7 @@ class Aedat4Recording(FileRecording):
 
     @property
     def holds_samples(self) -> bool:  # type: ignore[override]
-        """Whether the file has a stream of frames or inertial samples."""
+        """True if the file has a stream of frames or inertial samples."""
         return "FRME" in self._streams or "IMUS" in self._streams
 
     @property

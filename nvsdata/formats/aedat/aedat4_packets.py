@@ -48,7 +48,7 @@ class Packets(NamedTuple):
 
     @property
     def ordered(self) -> bool:
-        """Whether each packet starts no earlier than the end of the one before it."""
+        """True if each packet starts no earlier than the end of the one before it."""
         return bool((self.start <= self.end).all() and (self.start[1:] >= self.end[:-1]).all())
 
 

@@ -54,7 +54,7 @@ class EvtRecording(IndexedFile):
 
     @abstractmethod
     def _heads(self, raw: np.ndarray) -> np.ndarray:
-        """The words of a piece that have a type, which begins at bit `high_bits`; or those of their halves."""
+        """Return the words, or halves of words, that contain the type, which begins at bit `high_bits`."""
 
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
         """Return the bytes of a piece in the order that kernels expect."""
