@@ -165,6 +165,6 @@ def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Event
         wraps = t[long] // WRAP_US != (t[long] - gaps[long]) // WRAP_US
         if t[0] < 0 or (last is None and t[0] >= WRAP_US - 1) or wraps.any() or gaps.max() >= WRAP_US // 2:
             over = f"of at most {SILENT_US // 60_000_000} minutes where its counter wraps"
-            raise ValueError(f"{name} supports a first time from 0 to 2^32 - 2 µs and gaps below 2^31 µs only, {over}")
+            raise ValueError(f"{name} supports a first time in [0, 2^32 - 1) µs and gaps below 2^31 µs only, {over}")
         last = t[-1]
         yield events

@@ -31,13 +31,13 @@ def test_integers_up_to_2_to_the_62(value):
     if abs(value) <= LAST:
         assert as_integers("a", "t", column).tolist() == [3, value, 4]
     else:
-        with pytest.raises(FormatError, match=r"^a: variable holds numbers beyond 2\^62$"):
+        with pytest.raises(FormatError, match=r"^a: variable has numbers beyond 2\^62$"):
             as_integers("a", "variable", column)
 
 
 @pytest.mark.parametrize("value", [0.5, -1e-9 - 1, np.nan, np.inf, -np.inf, 2.0**62, -(2.0**62)])
 def test_numbers_that_are_not_whole_or_too_far(value):
-    with pytest.raises(FormatError, match=r"^a: t holds numbers that aren't whole, or beyond 2\^62$"):
+    with pytest.raises(FormatError, match=r"^a: t has numbers that aren't whole, or beyond 2\^62$"):
         as_integers("a", "t", np.array([1.0, value]))
     below = np.nextafter(2.0**62, 0)
     assert as_integers("a", "t", np.array([-below, below])).tolist() == [-int(below), int(below)]

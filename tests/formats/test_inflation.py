@@ -68,11 +68,11 @@ def test_packets_of_events_inflate_to_the_bound_all_together(tmp_path, compressi
     content = zeros(2_000)
     assert len(opened(tmp_path, packed([("EVTS", content, 3)], compression)).read(*window)) == 6_000
     raw = packed([("EVTS", content, 4)], compression)
-    with pytest.raises(FormatError, match=rf"inflates to .* a file of {len(raw)} bytes may expand to") as caught:
+    with pytest.raises(FormatError, match=rf"expands to .* a file of {len(raw)} bytes may expand to") as caught:
         opened(tmp_path, raw).read(*window)
     assert caught.value.offset == len(raw) - (len(raw) - len(packed([], compression))) // 4
     # one alone
-    with pytest.raises(FormatError, match="inflates to"):
+    with pytest.raises(FormatError, match="expands to"):
         opened(tmp_path, packed([("EVTS", zeros(6_500), 1)], compression)).read(*window)
 
 

@@ -45,7 +45,8 @@ def test_times_that_a_reader_unwraps(tmp_path, suffix, parts):
         assert nvsdata.write(iter(pieces), path) == len(times)
         assert nvsdata.read(path).t.tolist() == times
     path.unlink()
-    only = "gaps below 2^31 µs only, of at most 5 minutes where its counter wraps"
+    gaps = "gaps below 2^31 µs only, of at most 5 minutes where its counter wraps"
+    only = f"supports a first time in [0, 2^32 - 1) µs and {gaps}"
     for times in UNFIT:
         pieces = [at(times)] if parts == 1 else [at([time]) for time in times]
         with pytest.raises(ValueError, match=r"2\^32 - 1") as caught:
@@ -142,7 +143,9 @@ def test_headers_and_times_of_evt(tmp_path, kind):
     time = b"% nvsdata time                 1000 to                 2000 us\n"
     assert (tmp_path / "a.raw").read_bytes().startswith(begin + b"% geometry 7x5\n" + time + b"% end\n")
     for times in ([-1], [limit], [0, limit]):
-        with pytest.raises(ValueError, match=rf"^times from {times[0]} to {times[-1]} µs: EVT [23]\.[01] holds those"):
+        with pytest.raises(
+            ValueError, match=rf"^times from {times[0]} to {times[-1]} µs: EVT [23]\.[01] supports those"
+        ):
             nvsdata.write(at(times), tmp_path / "b.raw", format=kind)
 
 
@@ -219,10 +222,10 @@ def test_bounds_of_atis(tmp_path):
         nvsdata.write(ev, path)
         assert nvsdata.read(path, sensor_size=ev.sensor_size) == ev
     for times in ([-1, 0], [0, 2**33]):
-        with pytest.raises(ValueError, match=r"^ATIS \.bin holds times from 0 to 8589934591 µs only$"):
+        with pytest.raises(ValueError, match=r"^ATIS \.bin supports times from 0 to 8589934591 µs only$"):
             nvsdata.write(at(times), path)
     for x, y in ((256, 1), (1, 240)):
-        with pytest.raises(ValueError, match=r"^ATIS \.bin holds x up to 255 and y up to 239 only$"):
+        with pytest.raises(ValueError, match=r"^ATIS \.bin supports x up to 255 and y up to 239 only$"):
             nvsdata.write(at([1], (300, 300), x, y), path)
 
 

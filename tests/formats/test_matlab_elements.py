@@ -52,7 +52,7 @@ def test_classes_of_numbers_are_read_and_others_passed_over(tmp_path, category):
     if 6 <= category <= 15:
         assert read(tmp_path, *elements).t.tolist() == [5, 6, 7]
     else:
-        with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \['pol', 'x', 'y'\]"):
+        with pytest.raises(FormatError, match=r"no variable 'ts'; the file has \['pol', 'x', 'y'\]"):
             read(tmp_path, *elements)
 
 
@@ -142,7 +142,7 @@ def test_fields_of_a_struct(tmp_path, length):
     # a struct within a struct is passed over
     inner = struct_of({"ts": matrix("", [1])}, 3)
     assert read(tmp_path, struct_of({"a": inner} | fields, length)).t.tolist() == [5, 6]
-    with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \['pol', 'x', 'y'\]"):
+    with pytest.raises(FormatError, match=r"no variable 'ts'; the file has \['pol', 'x', 'y'\]"):
         read(tmp_path, struct_of({name: fields[name] for name in ("x", "y", "pol")}, length))
 
 
@@ -185,7 +185,7 @@ def test_files_of_a_byte_order_or_beginning_that_is_not_read(tmp_path):
         with pytest.raises(FormatError, match="byte 124: not a little-endian MATLAB v5 file, or truncated"):
             nvsdata.read(tmp_path / "a.mat")
     (tmp_path / "a.mat").write_bytes(HEAD)
-    with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \[\]"):
+    with pytest.raises(FormatError, match=r"no variable 'ts'; the file has \[\]"):
         nvsdata.read(tmp_path / "a.mat")
 
 

@@ -113,7 +113,7 @@ def test_seconds_up_to_2_to_the_62_us(tmp_path, seconds, fine):
         # the digits of a float64 are 512 µs apart there
         assert np.abs(recording.read().t - [500_000, 2**42 * 10**6 - 500_000]).max() < 512
     else:
-        with pytest.raises(FormatError, match=r"holds times that are not numbers, or beyond 2\^62 µs"):
+        with pytest.raises(FormatError, match=r"has times that are not numbers, or beyond 2\^62 µs"):
             recording.read()
 
 

@@ -282,7 +282,7 @@ def test_other_formats_hold_events_alone(tmp_path):
     assert nvsdata.open(tmp_path / "c.h5").inertial().t.size == 0
     # a DVS128 has neither
     small = Events([1], [1], [1], [1], (128, 128))
-    with pytest.raises(ValueError, match="holds no inertial samples"):
+    with pytest.raises(ValueError, match="which has no inertial samples"):
         nvsdata.write(Piece.of_camera(small, (), recording.inertial()), tmp_path / "d.aedat")
 
 

@@ -364,7 +364,7 @@ def test_a_stated_time_decides_about_frames():
             lambda: T.to_frames(Events([0, 2**61], [0, 0], [0, 0], [0, 0]), duration=1),
             "2,305,843,009,213,693,952 frames",
         ),
-        (lambda: T.to_frames(NO_EVENTS, 2**25), "33,554,432 frames, more than 16,777,216"),
+        (lambda: T.to_frames(NO_EVENTS, 2**25), "33,554,432 frames are more than the 16,777,216"),
         (
             lambda: T.time_surface(Events([0, 2**61], [0, 0], [0, 0], [0, 0]), every=1),
             "2,305,843,009,213,693,952 frames",

@@ -140,8 +140,8 @@ def frames_in(
     stored = Chunks(path, pixels)
     for n in np.flatnonzero(wanted):
         row = {name: int(column[n]) for name, column in columns.items()}
-        values = stored.read(int(ends[n] - sizes[n]), int(ends[n]))
-        yield Frame(**row, pixels=values.reshape(row.pop("height"), row.pop("width")))
+        image = stored.read(int(ends[n] - sizes[n]), int(ends[n])).reshape(row.pop("height"), row.pop("width"))
+        yield Frame(**row, pixels=image)
 
 
 def frame_times_in(path: str, file: Any, dataset: Callable[[str], Any]) -> dict[str, np.ndarray]:

@@ -105,7 +105,7 @@ def test_soft_links_that_lead_nowhere_are_named(path):
     with h5py.File(path, "r+") as file:
         del file["events/y"]
         file["events/y"] = h5py.SoftLink("/events/x")
-    with pytest.raises(FormatError, match="x is a circle of soft links"):
+    with pytest.raises(FormatError, match="x has a cycle of soft links"):
         nvsdata.open(path)
     with h5py.File(path, "r+") as file:
         del file["events/y"]
@@ -151,7 +151,7 @@ def test_a_filter_that_is_not_installed_names_what_to_install(tmp_path):
 def test_sizes_in_headers_are_checked(path, size):
     with h5py.File(path, "r+") as file:
         file.attrs.update(width=size[0], height=size[1])
-    with pytest.raises(FormatError, match=r"a\.h5: (byte 0: the header states no valid sensor|attribute width is)"):
+    with pytest.raises(FormatError, match=r"a\.h5: (byte 0: the header states an invalid sensor|attribute width is)"):
         nvsdata.open(path)
 
 
