@@ -44,13 +44,9 @@ def test_edges_are_the_nearest_microseconds(fps):
 
 def test_as_many_frames_as_there_may_be(monkeypatch):
     frames.check_count(2**24)
-    with pytest.raises(
-        ValueError, match=r"^16,777,217 frames are more than the 16,777,216 allowed: use longer frames$"
-    ):
+    with pytest.raises(ValueError, match=r"^16,777,217 frames are more than the 16,777,216 allowed: use longer"):
         frames.check_count(2**24 + 1)
-    with pytest.raises(
-        ValueError, match=r"^10,000,000 s are 20,000,000 frames, which are too many: check `Events.start`"
-    ):
+    with pytest.raises(ValueError, match=r"^10,000,000 s are 20,000,000 frames, which are too many: check `Events"):
         frames.frame_edges(10**13, 2)
     monkeypatch.setattr(frames, "MAX_FRAMES", 10)
     assert len(frames.frame_edges(10_000, 1_000)) == 11

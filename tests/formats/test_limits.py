@@ -143,9 +143,7 @@ def test_headers_and_times_of_evt(tmp_path, kind):
     time = b"% nvsdata time                 1000 to                 2000 us\n"
     assert (tmp_path / "a.raw").read_bytes().startswith(begin + b"% geometry 7x5\n" + time + b"% end\n")
     for times in ([-1], [limit], [0, limit]):
-        with pytest.raises(
-            ValueError, match=rf"^times from {times[0]} to {times[-1]} µs: EVT [23]\.[01] supports those"
-        ):
+        with pytest.raises(ValueError, match=rf"^times from {times[0]} to {times[-1]} µs: EVT [23]\.[01] supports"):
             nvsdata.write(at(times), tmp_path / "b.raw", format=kind)
 
 
