@@ -86,7 +86,7 @@ def test_a_whole_video_takes_times_as_a_stream_does(emulator):
     times = [7_000, 9_000, 40_000, 41_000, 90_000, 10**9]
     events = emulator.emulate(frames, times=iter(times))
     pieces = list(emulator.stream(frames, times=times))
-    assert events == nvsdata.data.events.together(pieces)
+    assert events == nvsdata.data.events.concatenate_events(pieces)
     assert (events.start, events.end) == (7_000, 10**9)
     assert len(events)
     assert emulator.emulate(frames, times=[20_000 * n for n in range(6)]) == emulator.emulate(frames, fps=50)
