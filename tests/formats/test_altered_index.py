@@ -84,7 +84,7 @@ def test_an_index_that_a_window_finds_altered_is_replaced(tmp_path, monkeypatch,
     whole = index_cache.path_of(str(path)).read_bytes()
     altered(path, one_state)
     # of the entries that are compared at random, none
-    monkeypatch.setattr(index_cache, "some_of", lambda count: np.arange(0))
+    monkeypatch.setattr(index_cache, "entries_to_compare", lambda count: np.arange(0))
     times = nvsdata.open(path).blocks.times
     start = int(times[len(times) // 2]) + 1
     assert nvsdata.read(path, start, start + 30_000) == ev.window(start, start + 30_000)

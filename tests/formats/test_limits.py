@@ -94,7 +94,10 @@ def test_the_header_of_aedat_2_names_the_smallest_camera(tmp_path, size, camera)
 
 @pytest.mark.parametrize(
     ("stated", "reason"),
-    [(b"999x128", "states a sensor of 999x128, more than the 346x260 of its chip"), (b"0x12", "no valid sensor size")],
+    [
+        (b"999x128", "states a sensor of 999x128, more than the 346x260 of its chip"),
+        (b"0x12", "an invalid sensor size"),
+    ],
 )
 def test_a_sensor_that_its_chip_has_no_room_for_is_refused(tmp_path, stated, reason):
     nvsdata.write(at([1_000, 2_000], (320, 240), 319, 239), tmp_path / "a.aedat")
