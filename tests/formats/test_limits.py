@@ -96,7 +96,7 @@ def test_the_header_of_aedat_2_names_the_smallest_camera(tmp_path, size, camera)
     ("stated", "reason"),
     [
         (b"999x128", "states a sensor of 999x128, more than the 346x260 of its chip"),
-        (b"0x12", "an invalid sensor size"),
+        (b"0x12", "invalid sensor size"),
     ],
 )
 def test_a_sensor_that_its_chip_has_no_room_for_is_refused(tmp_path, stated, reason):
