@@ -293,7 +293,7 @@ def test_transforms_take_recordings(tmp_path):
 
 def test_steps_in_the_wrong_order_are_named():
     ev = sweep()
-    with pytest.raises(TypeError, match="takes Events or a Recording, but was given Graph: are the steps in") as caught:
+    with pytest.raises(TypeError, match="takes Events or a Recording, but was given Graph: check the order") as caught:
         T.Compose([T.RadiusGraph(), T.RandomWindow(1_000)])(ev)
     assert caught.value.__notes__ == [
         "in step 2 of the pipeline, RandomWindow(duration=1000, within=(0.0, 1.0)), given Graph"
