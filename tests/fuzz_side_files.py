@@ -36,7 +36,7 @@ from nvsdata.datasets import source
 from nvsdata.datasets.cache.encoding import ALIGNED, encode_sample
 from nvsdata.datasets.store.reader import INDEX, Store, checksum
 from nvsdata.datasets.verification import problems
-from nvsdata.formats import contents, kept_index, reading
+from nvsdata.formats import contents, index_cache, reading
 from nvsdata.kernels.recording.davis_stream import encode
 from nvsdata.recording.davis.file import MARK, header
 from nvsdata.recording.davis.stream import DavisDecoder
@@ -74,7 +74,7 @@ def indexed(kind: str) -> Callable[[Rng, Path], str]:
         folder = home / "indexed"
         put_back(folder, {f"a{suffix}": raw})
         path = folder / f"a{suffix}"
-        index = kept_index.path_of(str(path))
+        index = index_cache.path_of(str(path))
 
         def opened() -> nvsdata.Recording:
             recording = nvsdata.open(path, sensor_size=(128, 128))
@@ -121,7 +121,7 @@ def _index_changed(raw: bytes, rng: Rng) -> bytes:
             # that a file is in order can't be compared without reading it
             arrays[name] = array_changed(arrays[name], rng)
     if rng.random() < 0.8:
-        crc = np.array(kept_index._checksum(arrays))
+        crc = np.array(index_cache._checksum(arrays))
     if rng.random() < 0.1:
         about = array_changed(about, rng)
     out = io.BytesIO()
@@ -402,7 +402,7 @@ ROUNDS = {f"side file: {name}": how for name, how in _ROUNDS.items()}
 def prepare(home: Path) -> None:
     """What nothing may touch; indexes are kept of small files that were changed just now."""
     (home / "secret").write_bytes(SECRET)
-    kept_index.LEAST, kept_index.SETTLED_NS = 0, 0
+    index_cache.LEAST, index_cache.SETTLED_NS = 0, 0
     source.MANY_FILES = 2
 
 

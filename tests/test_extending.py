@@ -317,5 +317,5 @@ def test_a_test_of_first_bytes_that_raises(tmp_path):
 
     register_format(Format("broken", (".broken",), open=lambda *_: None, begins=broken))
     (tmp_path / "a.bin").write_bytes(trees.atis(trees.some(1)))
-    with pytest.warns(UserWarning, match="the format 'broken' can't tell whether a file is one of its own: IndexError"):
+    with pytest.warns(UserWarning, match="'broken' failed to check whether a file is of this format: IndexError"):
         assert nvsdata.read(tmp_path / "a.bin", sensor_size=(34, 34)) == trees.some(1)

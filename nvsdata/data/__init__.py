@@ -1,1 +1,1 @@
-"""What the other packages pass to each other: events, recordings, graphs, batches."""
+"""Containers that the other packages pass to each other: events, recordings, graphs, batches."""

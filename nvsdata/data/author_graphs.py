@@ -1,4 +1,4 @@
-"""Graphs as the thesis's author released them, in MATLAB files."""
+"""Graphs that the author of the thesis released as MATLAB files."""
 
 from __future__ import annotations
 
@@ -14,21 +14,27 @@ from nvsdata.data.graph import Graph, grouped
 from nvsdata.data.pseudo import Pseudo
 from nvsdata.data.pseudo import pseudo as pseudo_coordinates
 
-# sensor size and reach: of CIFAR10-DVS's radius graphs, and of UCF101-DVS's nearest-neighbor graphs (`T.KNNGraph`)
+# sensor size and normalization range of the radius graphs of CIFAR10-DVS, and of the nearest-neighbor graphs of
+# UCF101-DVS (`T.KNNGraph`)
 RADIUS, NEAREST = ((128, 128), (3.0, 3.0)), ((240, 180), (8.0, 8.0))
 
 
 def read_author_graphs(path: str | os.PathLike[str], pseudo: Pseudo = "signed") -> list[Graph]:
-    """The graph of a CIFAR10-DVS file, or the S graphs of a UCF101-DVS file, as a list.
+    """Read the graph of a CIFAR10-DVS file, or the S graphs of a UCF101-DVS file.
 
-    - `path`: the file. One of CIFAR10-DVS has `feature` [N, 1], `pseudo` [N, 2] (pixels), `edge` [2, E] and `label`,
-      which becomes `y`; one of UCF101-DVS has a struct `graph` [1, S] of `feature` [N, 2], `pos` [N, 2] counted from
-      1, and `edge` [2, N]
-    - `pseudo`: kind of pseudo-coordinates (default "signed", as in the author's code); "signed-time" isn't possible
+    The first row of `edge` is the target, the second the source. The files contain no times: `t` of the graphs is 0.
 
-    The first row of `edge` is the target, the second the source. The files hold no times: `t` is 0.
+    Args:
+        path: The file. A file of CIFAR10-DVS has `feature` [N, 1], `pseudo` [N, 2] (pixels), `edge` [2, E] and
+            `label`, which becomes `y`. A file of UCF101-DVS has a struct `graph` [1, S] of `feature` [N, 2], `pos`
+            [N, 2] (pixels, counted from 1) and `edge` [2, N].
+        pseudo: Kind of pseudo-coordinates (default "signed", as in the author's code). "signed-time" isn't possible.
 
-    FormatError for a file that is neither.
+    Returns:
+        One graph, or S graphs.
+
+    Raises:
+        FormatError: If the file is neither.
     """
     with open(path, "rb") as file:
         try:
@@ -42,7 +48,7 @@ def read_author_graphs(path: str | os.PathLike[str], pseudo: Pseudo = "signed") 
         each = found["graph"].ravel()
         return [_graph(path, g["feature"], g["pos"].astype(np.float32) - 1, g["edge"], *NEAREST, pseudo) for g in each]
     names = [name for name in found if not name.startswith("__")]
-    raise FormatError(path, f"holds neither feature, pseudo and edge nor such a graph, but {names}")
+    raise FormatError(path, f"contains neither feature, pseudo and edge nor such a struct `graph`, but {names}")
 
 
 def _graph(
@@ -58,14 +64,14 @@ def _graph(
     if feature.ndim != 2 or pos.shape != (len(feature), 2) or edge.ndim != 2 or len(edge) != 2:
         shapes = f"feature {feature.shape}, positions {pos.shape} and edges {edge.shape}"
         raise FormatError(path, f"has {shapes}, not [N, F], [N, 2] and [2, E]")
-    places = torch.from_numpy(pos.astype(np.float32))
-    heard = torch.from_numpy(edge[::-1].astype(np.int64))
+    positions = torch.from_numpy(pos.astype(np.float32))
+    given = torch.from_numpy(edge[::-1].astype(np.int64))
     try:
-        source, target, _ = grouped(heard, torch.zeros_like(heard.T, dtype=torch.float32), len(pos))
+        source, target, _ = grouped(given, torch.zeros_like(given.T, dtype=torch.float32), len(pos))
     except ValueError as error:
         raise FormatError(path, str(error)) from None
     edges = torch.stack((source, target))
     x = torch.from_numpy(feature.astype(np.float32))
     t = torch.zeros(len(x), dtype=torch.int64)
-    u = pseudo_coordinates(places, t, edges, reach, kind)
-    return Graph(x, places, t, edges, u, y, sensor_size, reach, kind)
+    u = pseudo_coordinates(positions, t, edges, reach, kind)
+    return Graph(x, positions, t, edges, u, y, sensor_size, reach, kind)

@@ -1,4 +1,4 @@
-"""Making batches of samples."""
+"""Batches of samples: `nvsdata.collate`."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ from torch.utils.data._utils.collate import default_collate_fn_map
 
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
-from nvsdata.data.ragged import EventBatch, Padded, sensors_differ
+from nvsdata.data.ragged import EventBatch, Padded, sensor_size_advice
 from nvsdata.data.recording import Recording
 
-SMALL = 1 << 19  # bytes; up to this, a copy through the pipe is cheaper than sharing memory
+SMALL = 1 << 19  # bytes; a smaller batch is copied through the pipe, which is cheaper than sharing memory
 
 
 class Batch(NamedTuple):
-    """`(inputs, targets)` of a batch, as `collate` makes them."""
+    """Inputs and targets of a batch, as `collate` returns them.
+
+    Args:
+        inputs: A `GraphBatch`, `Padded`, `EventBatch`, tensor [B, ...], or list, by the kind of the samples.
+        targets: int64 [B] for labels; else what `collate` describes.
+    """
 
     inputs: Any
     targets: Any
@@ -29,20 +34,31 @@ class Batch(NamedTuple):
 def collate(
     samples: Sequence[tuple[Any, Any]], *, pad: bool = False, events: Literal["list", "columns"] = "list"
 ) -> Batch:
-    """`collate_fn` for a DataLoader: makes `(inputs, targets)` of B pairs `(sample, target)`.
+    """Make a batch of B pairs `(sample, target)`; the `collate_fn` of a DataLoader.
 
-    - `samples`: the pairs. Graphs become a `GraphBatch`; sequences of S graphs become a `GraphBatch` with
-      `volumes` = S; tensors of one shape are stacked; anything else is collated by torch. Targets are collated by torch
-      (ints to int64 [B]); those with boxes, whose numbers differ, stay a list
-    - `pad`: whether tensors, such as frames of unequal number or size, become a `Padded`: `values` filled up with 0,
-      `lengths`, `mask`; targets of tensors do if their sizes differ (default False)
-    - `events`: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes an
-      `EventBatch`: concatenated columns with `offsets`
+    For settings other than the defaults, pass `collate_fn=functools.partial(nvsdata.collate, pad=True)` to the
+    DataLoader.
 
-    For a DataLoader, give other settings by `collate_fn=functools.partial(nvsdata.collate, pad=True)`.
+    Args:
+        samples: The pairs. Graphs become a `GraphBatch`. Sequences of S graphs become a `GraphBatch` with `volumes` =
+            S. Tensors of one shape are stacked. Anything else is collated by torch, and so are targets (ints to int64
+            [B]). Targets with boxes stay a list, because their numbers of boxes differ.
+        pad: Whether tensors of unequal size, such as different numbers of frames, become a `Padded`, filled with
+            zeros. It applies to targets that are tensors, too (default False).
+        events: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes
+            an `EventBatch`, concatenated columns with `offsets`.
 
-    Raises ValueError for no samples, sequences of different lengths, graphs of different `reach`, and tensors that
-    don't fit together.
+    Returns:
+        The inputs and the targets.
+
+    Raises:
+        ValueError: If there are no samples, if sequences have different lengths or graphs different `reach`, or if
+            tensors don't fit together.
+
+    Example:
+        >>> inputs, targets = collate([(torch.zeros(2, 4, 4), 0), (torch.ones(2, 4, 4), 1)])
+        >>> inputs.shape, targets.tolist()
+        (torch.Size([2, 2, 4, 4]), [0, 1])
     """
     if events not in ("list", "columns"):
         raise ValueError(f"events must be 'list' or 'columns', not {events!r}")
@@ -50,15 +66,15 @@ def collate(
         raise ValueError("can't make a batch of no samples")
     inputs = [sample for sample, _ in samples]
     targets = [target for _, target in samples]
-    made = _stack(inputs, pad, events)
+    stacked = _stack(inputs, pad, events)
     if all(isinstance(target, int) for target in targets):
-        return Batch(made, torch.tensor(targets))
+        return Batch(stacked, torch.tensor(targets))
     if all(isinstance(target, Mapping) and "boxes" in target for target in targets):
-        return Batch(made, targets)
+        return Batch(stacked, targets)
     try:
-        return Batch(made, default_collate(targets))
+        return Batch(stacked, default_collate(targets))
     except (RuntimeError, TypeError):
-        return Batch(made, _unequal(targets, pad))
+        return Batch(stacked, _unequal(targets, pad))
 
 
 def _stack(inputs: list[Any], pad: bool = False, events: str = "list") -> Any:
@@ -79,8 +95,9 @@ def _stack(inputs: list[Any], pad: bool = False, events: str = "list") -> Any:
 
 
 def _unequal(targets: list[Any], pad: bool, name: str = "target") -> Any:
-    """Targets that torch can't collate, because they hold tensors of unequal size, such as traces of joints: filled up,
-    or a ValueError that says where.
+    """Collate targets that torch can't collate because they contain tensors of unequal size, such as joint positions.
+
+    They are padded; if `pad` is false, the ValueError names the place.
     """
     first = targets[0]
     if all(isinstance(target, torch.Tensor | np.ndarray) for target in targets):
@@ -107,12 +124,12 @@ def _check_shapes(shapes: list[tuple[int, ...]], pad: bool, name: str = "sample"
                 raise ValueError(what)
             # of images, and of sequences of them
             if name == "sample" and len(shape) > 2 and shape[-2:] != shapes[0][-2:]:
-                what = f"{what}. If they {sensors_differ((one[-1], one[-2]) for one in (shapes[0], shape))}"
+                what = f"{what}. If they {sensor_size_advice((one[-1], one[-2]) for one in (shapes[0], shape))}"
             raise ValueError(f"{what}. Fill them up (collate with pad=True), {cuts}, or batch_size=1")
 
 
 def _send(batch: Batch) -> tuple[Any, ...]:
-    """How a batch is pickled in a worker: all tensors in one piece, because torch sends each tensor separately."""
+    """Pickle a batch in a worker, with all tensors in one piece, because torch sends each tensor separately."""
     graphs, targets = batch
     if not (isinstance(graphs, GraphBatch) and isinstance(targets, torch.Tensor)):
         return Batch, tuple(batch)
@@ -120,7 +137,7 @@ def _send(batch: Batch) -> tuple[Any, ...]:
     tensors = {name: value for name, value in given.items() if isinstance(value, torch.Tensor)}
     if any(tensor.device.type != "cpu" or tensor.requires_grad for tensor in tensors.values()):
         return Batch, tuple(batch)
-    # a node's number takes 4 bytes on the way, and 8 where torch's kernels read it
+    # node indices have 4 bytes in transit; torch's kernels require 8
     tensors["edge_index"] = graphs.edge_index.int()
     # the widest elements first, so that all are aligned
     names = sorted(tensors, key=lambda name: -tensors[name].element_size())
@@ -148,6 +165,6 @@ def _batch(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
     return _stack(list(samples))
 
 
-# so that a DataLoader without collate_fn handles these types, too: torch looks up other libraries' types here
+# torch looks up types of other libraries here, so that a DataLoader without collate_fn handles these types, too
 for kind in (Graph, Events, Recording):
     default_collate_fn_map[kind] = _batch

@@ -1,4 +1,4 @@
-"""Rectangles around objects, which move with the events of the sensor."""
+"""Bounding boxes of objects, which transforms change along with the events."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import torch
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """N boxes on a sensor, cut at its edges; those of which nothing is left are dropped.
+    """N boxes on a sensor, clipped to it. Boxes outside the sensor are dropped.
 
-    - `edges` float32 [N, 4]: left, top, right and bottom edge in pixels; the pixel 0 lies between the edges 0 and 1
-    - `sensor_size`: (width, height) in pixels
-    - `index` int64 [N]: which of the original boxes each is
+    Args:
+        edges: float32 [N, 4], left, top, right and bottom edge in pixels; pixel 0 is between the edges 0 and 1.
+        sensor_size: (width, height) in pixels.
+        index: int64 [N], number of each box among the original ones.
     """
 
     edges: torch.Tensor
@@ -23,7 +24,7 @@ class Boxes:
 
     @classmethod
     def of(cls, edges: Any, sensor_size: tuple[int, int]) -> Boxes:
-        """Boxes with these edges, a tensor, array or list; ValueError unless they are [N, 4], right and bottom last."""
+        """Return boxes with these edges, as in the field `edges`. ValueError unless they are [N, 4] in that order."""
         edges = torch.as_tensor(edges, dtype=torch.float32, device="cpu")
         edges = edges.reshape(-1, 4) if edges.numel() == 0 else edges
         if edges.ndim != 2 or edges.shape[1] != 4 or not bool((edges[:, :2] <= edges[:, 2:]).all()):
@@ -31,22 +32,22 @@ class Boxes:
         return cls(edges, sensor_size, torch.arange(len(edges)))._cut(edges, sensor_size)
 
     def equal(self, other: Boxes) -> bool:
-        """Whether these are the same boxes at the same places of the same sensor."""
+        """Return whether these are the same boxes at the same positions of the same sensor."""
         same = self.sensor_size == other.sensor_size and torch.equal(self.index, other.index)
         return same and torch.equal(self.edges, other.edges)
 
     @property
     def pos(self) -> torch.Tensor:
-        """The corners as `Graph.pos` counts, where a pixel's center is its coordinate: float32 [4 N, 2]."""
+        """The corners, float32 [4 N, 2], in the coordinates of `Graph.pos`, where integers are centers of pixels."""
         return self.edges[:, [0, 1, 2, 1, 0, 3, 2, 3]].reshape(-1, 2) - 0.5
 
     def moved(self, pos: torch.Tensor) -> Boxes:
-        """The boxes around the corners `pos`, which are counted as in `pos`."""
+        """Return the boxes around other corners [4 N, 2], in the coordinates of `pos`."""
         corners = (pos + 0.5).reshape(-1, 4, 2)
         return self._cut(torch.cat((corners.amin(1), corners.amax(1)), 1), self.sensor_size)
 
     def seen(self, x: float, y: float, scale: tuple[float, float], sensor_size: tuple[int, int]) -> Boxes:
-        """The boxes on a sensor whose edge 0 lies at (x, y), and whose pixels are 1 / scale as wide and high."""
+        """Return the boxes on another sensor: its top left is at (x, y), its pixels are 1 / scale as wide and high."""
         edges = (self.edges - torch.tensor([x, y, x, y])) * torch.tensor([*scale, *scale])
         return self._cut(edges, sensor_size)
 

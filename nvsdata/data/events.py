@@ -19,14 +19,21 @@ if TYPE_CHECKING:
 
 LATEST = clock.LATEST  # µs; times lie between this and its negative, so that differences can't overflow
 MAX_COORDINATE = 32766
-FEW = 32  # of so many events, at most one is mended where it is; if there are more, all are sorted
+FEW = 32  # if at most one event in 32 is late, the late ones are merged; otherwise all events are sorted
 ORDER = "; the order is Events(t, x, y, p)"
-EVER = (-(2**63), 2**63 - 1)
+EVER = (-(2**63), 2**63 - 1)  # µs; a window without bounds
 STRUCTURE = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.uint8)])
 
 
 class Columns(NamedTuple):
-    """Decoded events in file order: `t` int64 µs, `x`, `y` int16 pixels, `p` uint8, each [N]."""
+    """Decoded events in file order.
+
+    Args:
+        t: int64 [N], µs.
+        x: int16 [N], pixels.
+        y: int16 [N], pixels.
+        p: uint8 [N], 1 for ON and 0 for OFF.
+    """
 
     t: np.ndarray
     x: np.ndarray
@@ -35,17 +42,17 @@ class Columns(NamedTuple):
 
     @classmethod
     def empty(cls, size: int) -> Columns:
-        """Uninitialized columns of `size` events.
+        """Return uninitialized columns of `size` events.
 
-        Allocated by numpy, which asks for large pages: other memory costs a page fault every 4 KiB.
+        numpy allocates them in large pages; other memory would cost a page fault every 4 KiB.
         """
         xy = np.empty(size, np.int16), np.empty(size, np.int16)
         return cls(np.empty(size, np.int64), *xy, np.empty(size, np.uint8))
 
     def take(self, which: slice | np.ndarray) -> Columns:
-        """The events selected by a slice, a boolean mask or indices."""
+        """Return the events selected by a slice, a boolean mask or indices."""
         if isinstance(which, np.ndarray) and which.dtype == np.bool_ and which.shape == self.t.shape:
-            # several times as fast as numpy where about half of the events are kept
+            # several times as fast as numpy if about half of the events are selected
             count = int(np.count_nonzero(which))
             kept = Columns.empty(count + 1)
             copy_where(which, *self, *kept)
@@ -53,26 +60,37 @@ class Columns(NamedTuple):
         return Columns(self.t[which], self.x[which], self.y[which], self.p[which])
 
     def first(self, count: int) -> Columns:
-        """The first `count` events."""
+        """Return the first `count` events."""
         return self if count == self.t.size else self.take(slice(count))
 
 
 class Events:
-    """Events sorted by time, as a struct of arrays.
+    """Events sorted by time, as one array per column.
 
-    - `t` int64 [N]: µs, never decreasing (unsorted input is sorted, equal times keep their order)
-    - `x`, `y` int16 [N]: pixels, origin top left
-    - `p` uint8 [N]: polarity, 1 for ON and 0 for OFF
-    - `sensor_size`: (width, height) in pixels; by default the smallest that holds the coordinates
-    - `start`, `end`: µs, the first and the last moment of the time range in which these events were observed, such as
-      the bounds of the window that they were cut from, or the times of an emulated video's first and last frame. By
-      default the times of the first and the last event (0 if there is none)
+    Treat Events as immutable: operations return new Events, which share memory where possible. An index returns Events
+    of one event, and so does iteration; in loops, use the columns instead.
 
-    Events should be treated as immutable: operations return new Events and share memory where they can. An index, and
-    so iteration, gives Events of one event; loops should go through the columns instead.
+    Args:
+        t: Times in µs. Unsorted input is sorted; events at equal times keep their order. It becomes int64 [N].
+        x: Columns of pixels, counted from the left. It becomes int16 [N].
+        y: Rows of pixels, counted from the top. It becomes int16 [N].
+        p: Polarity, 1 for ON and 0 for OFF. It becomes uint8 [N].
+        sensor_size: (width, height) in pixels (default: the smallest that contains the coordinates).
+        start: First moment in µs of the time range in which these events were observed, such as the start of the
+            window that they were cut from, or the time of the first frame of an emulated video (default: the time of
+            the first event, 0 if there is none).
+        end: Last moment in µs of that range (default: the time of the last event).
 
-    Raises ValueError for columns of different lengths, times at or beyond 2^62 µs, coordinates outside the
-    sensor and polarities other than 0 and 1.
+    Raises:
+        ValueError: If columns have different lengths, for times at or beyond 2^62 µs, coordinates outside the sensor,
+            and polarities other than 0 and 1.
+
+    Example:
+        >>> events = Events([0, 10, 30], [0, 3, 1], [1, 1, 0], [1, 0, 1], sensor_size=(4, 2))
+        >>> events.window(0, 20)
+        Events(2 events, 10 µs, 4x2)
+        >>> events[events.p == 1].t.tolist()
+        [0, 30]
     """
 
     __slots__ = ("p", "sensor_size", "start", "stated_end", "t", "x", "y")
@@ -83,7 +101,7 @@ class Events:
     p: npt.NDArray[np.uint8]
     sensor_size: tuple[int, int]
     start: int
-    stated_end: int | None  # None: not stated, `end` follows from the events
+    stated_end: int | None  # None: `end` is the time of the last event
 
     def __init__(
         self,
@@ -107,7 +125,7 @@ class Events:
         needed = extent(columns)
         size = needed if sensor_size is None else check_sensor_size(sensor_size)
         if needed[0] > size[0] or needed[1] > size[1]:
-            # times as small as coordinates are probably coordinates
+            # times as small as coordinates are probably coordinates in the wrong column
             hint = ORDER if int(columns.t.max()) < max(size) else ""
             outside = f"outside the sensor of {size[0]}x{size[1]}"
             raise ValueError(f"events reach {needed[0]}x{needed[1]} pixels, {outside}{hint}")
@@ -125,24 +143,24 @@ class Events:
     def trusted(
         cls, columns: Columns, sensor_size: tuple[int, int], start: int | None = None, end: int | None = None
     ) -> Events:
-        """Events from columns that are known to be valid and sorted: nothing is checked."""
+        """Return events of columns that are known to be valid and sorted, without checks."""
         events = cls.__new__(cls)
         events._set(*columns, sensor_size, start, end)
         return events
 
     @classmethod
     def empty(cls, sensor_size: tuple[int, int], start: int = 0, end: int | None = None) -> Events:
-        """Events without any event; `start`, `end` in µs."""
+        """Return Events without any event; `start` and `end` are in µs."""
         return cls.trusted(Columns.empty(0), sensor_size, start, end)
 
     def of(self, columns: Columns) -> Events:
-        """Events of sorted columns, with the same sensor size and time range."""
+        """Return events of other sorted columns, with the same sensor size and time range."""
         return Events.trusted(columns, self.sensor_size, self.start, self.stated_end)
 
     def resized(self, columns: Columns, sensor_size: tuple[int, int]) -> Events:
-        """Events of sorted columns on a sensor of another size, with the same time range.
+        """Return events of sorted columns on a sensor of another size, with the same time range.
 
-        ValueError for a size that no sensor has, and for events outside it.
+        ValueError for an invalid size, and for events outside it.
         """
         return check_inside(Events.trusted(columns, check_sensor_size(sensor_size), self.start, self.stated_end))
 
@@ -153,23 +171,24 @@ class Events:
 
     @property
     def end(self) -> int:
-        """µs, the last moment of the time range in which these events were observed."""
+        """Last moment in µs of the time range in which these events were observed."""
         if self.stated_end is not None:
             return self.stated_end
         return int(self.t[-1]) if self.t.size else self.start
 
     @property
     def duration(self) -> int:
-        """µs from the first to the last event; 0 for fewer than two."""
+        """Time from the first to the last event in µs; 0 for fewer than two events."""
         return int(self.t[-1]) - int(self.t[0]) if self.t.size else 0
 
     def __len__(self) -> int:
         return int(self.t.size)
 
     def __getitem__(self, which: SupportsIndex | slice | npt.NDArray[Any]) -> Events:
-        """Events selected by an index, a slice, a boolean mask [N] or indices [M], sorted by time.
+        """Return the events selected by an index, a slice, a boolean mask [N] or indices [M], sorted by time.
 
-        IndexError for an index out of range.
+        Raises:
+            IndexError: If an index is out of range.
         """
         if isinstance(which, int | np.integer):
             at = range(len(self))[which]
@@ -177,9 +196,14 @@ class Events:
         return self.of(sort_by_time(self.columns.take(which)))  # type: ignore[arg-type]
 
     def window(self, start: int | None = None, stop: int | None = None) -> Events:
-        """Events with start <= t < stop (µs, absolute; None is without bound). Nothing is copied.
+        """Return the events with start <= t < stop, without a copy.
 
-        ValueError if stop < start.
+        Args:
+            start: µs, absolute; None (default) is without bound.
+            stop: µs, absolute; None (default) is without bound.
+
+        Raises:
+            ValueError: If stop < start.
         """
         check_window(start, stop)
         lo = 0 if start is None else int(self.t.searchsorted(start, "left"))
@@ -188,7 +212,7 @@ class Events:
         return Events.trusted(columns, self.sensor_size, *bounds_of(start, stop, self.start, self.stated_end))
 
     def to_structured(self) -> np.ndarray:
-        """Structured array [N] with fields x, y (int16), t (int64) and p (uint8)."""
+        """Convert to a structured array [N] with fields x, y (int16), t (int64, µs) and p (uint8)."""
         out = np.empty(len(self), STRUCTURE)
         for name in ("t", "x", "y", "p"):
             out[name] = getattr(self, name)
@@ -196,17 +220,22 @@ class Events:
 
     @classmethod
     def from_structured(cls, array: np.ndarray, sensor_size: tuple[int, int] | None = None) -> Events:
-        """Events from a structured array with fields t (µs), x, y and p, in any order and type.
+        """Convert a structured array to events.
 
-        ValueError for a missing field, and for values that `Events` doesn't take.
+        Args:
+            array: Array [N] with fields t (µs), x, y and p, in any order and of any integer type.
+            sensor_size: (width, height) in pixels (default: the smallest that contains the events).
+
+        Raises:
+            ValueError: If a field is missing, or if `Events` doesn't take the values.
         """
         missing = {"t", "x", "y", "p"} - set(array.dtype.names or ())
         if missing:
-            raise ValueError(f"the array lacks the fields {sorted(missing)}; it has {array.dtype.names}")
+            raise ValueError(f"the array has no fields {sorted(missing)}; it has {array.dtype.names}")
         return cls(array["t"], array["x"], array["y"], array["p"], sensor_size)
 
     def torch(self) -> dict[str, torch.Tensor]:
-        """Tensors `t` int64, `x` and `y` int16, `p` uint8, each [N]; they share memory where possible."""
+        """Convert to tensors `t` int64, `x` and `y` int16, `p` uint8, each [N]; they share memory where possible."""
         import torch
 
         return {
@@ -233,31 +262,31 @@ class Events:
 
 
 def concatenate(pieces: Sequence[Columns]) -> Columns:
-    """The events of all pieces, one after the other; a single piece is returned as it is."""
+    """Concatenate columns; a single piece is returned without a copy."""
     return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
 
 
-def together(pieces: Sequence[Events]) -> Events:
-    """Pieces of a stream, in order of time, joined: from the first piece's start to the last one's end."""
+def concatenate_events(pieces: Sequence[Events]) -> Events:
+    """Concatenate pieces of a stream, in order of time. The result has the first one's start and the last one's end."""
     columns = concatenate([piece.columns for piece in pieces])
     return Events.trusted(columns, pieces[0].sensor_size, pieces[0].start, pieces[-1].stated_end)
 
 
 def extent(columns: Columns) -> tuple[int, int]:
-    """The smallest (width, height) that holds the events; (1, 1) for none."""
+    """Return the smallest (width, height) that contains the events; (1, 1) for none."""
     return (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)
 
 
 def sort_by_time(columns: Columns) -> Columns:
-    """The columns sorted stably by time; returned as they are if they are sorted."""
+    """Sort columns stably by time; sorted ones are returned as they are."""
     if is_sorted(columns.t):
         return columns
     strays = late(columns.t, columns.t.size // FEW)
     if strays is not None:
-        mended = Columns.empty(columns.t.size)
-        merge_late(strays, strays[np.argsort(columns.t[strays], kind="stable")], *columns, *mended)
-        return mended
-    # digits are faster than comparisons, unless there are few events or many digits
+        merged = Columns.empty(columns.t.size)
+        merge_late(strays, strays[np.argsort(columns.t[strays], kind="stable")], *columns, *merged)
+        return merged
+    # sorting by digits is faster than by comparisons, unless there are few events or many digits
     digits = 1_000 < columns.t.size <= np.iinfo(np.int32).max and int(columns.t.max()) - int(columns.t.min()) < 1e13
     order = stable_order(columns.t) if digits else np.argsort(columns.t, kind="stable")
     sorted_columns = Columns.empty(order.size)
@@ -266,9 +295,9 @@ def sort_by_time(columns: Columns) -> Columns:
 
 
 def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int | None) -> tuple[int | None, int | None]:
-    """Begin and end of the window [start, stop) of events that last from `begin` to `end`; None for unknown ones."""
+    """Return start and end of the window [start, stop) of a recording from `begin` to `end`; None means unknown."""
     if end is None:
-        # without the end, the true begin is not known either
+        # without the end, the true start isn't known either
         return begin if start is None else start, None
     begin = begin if start is None else start if begin is None else max(start, begin)
     end = end if stop is None else min(stop - 1, end)
@@ -282,7 +311,7 @@ def check_window(start: int | None, stop: int | None) -> None:
 
 
 def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
-    """The size as two ints; ValueError if it is not a sensor size."""
+    """Return the size as two ints. ValueError if it isn't a valid sensor size."""
     given_width, given_height = size
     width, height = int(given_width), int(given_height)
     if not (0 < width <= MAX_COORDINATE + 1 and 0 < height <= MAX_COORDINATE + 1):
@@ -291,10 +320,13 @@ def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def check_inside(events: Events, sensor_size: tuple[int, int] | None = None) -> Events:
-    """The events, which kernels may take for indices of pixels then.
+    """Return the events after a check that makes their coordinates safe as indices in kernels.
 
-    ValueError for events outside a sensor of `sensor_size` (default: their own), polarities other than 0 and 1 and
-    columns of different lengths, which only Events have that weren't built by `Events(...)`, or were changed.
+    Only Events that weren't built by `Events(...)`, or whose arrays were changed, can fail the check.
+
+    Raises:
+        ValueError: If events are outside a sensor of `sensor_size` (default: their own), if a polarity is neither 0
+            nor 1, or if columns have different lengths.
     """
     width, height = sensor_size or events.sensor_size
     if not inside(*events.columns, width, height):
@@ -305,7 +337,7 @@ def check_inside(events: Events, sensor_size: tuple[int, int] | None = None) -> 
 
 
 def _as_column(values: np.ndarray, kind: type[np.generic]) -> np.ndarray:
-    """The values as a type; those of a packed structured array are copied, because kernels take no torn numbers."""
+    """Convert values to a type. Those of a packed structured array are copied, because kernels need aligned numbers."""
     values = values.astype(kind, copy=False)
     return values if values.flags.aligned else values.copy()
 
@@ -317,7 +349,7 @@ def _check_time(t: np.ndarray, start: int | None, end: int | None) -> None:
     if start is not None and end is not None and end < start:
         raise ValueError(f"events end at {end} µs, before they start at {start} µs")
     if t.size and ((start is not None and start > t[0]) or (end is not None and end < t[-1])):
-        raise ValueError(f"events at {t[0]} to {t[-1]} µs don't lie within start={start} and end={end}")
+        raise ValueError(f"events at {t[0]} to {t[-1]} µs aren't within start={start} and end={end}")
 
 
 def _check_columns(given: dict[str, np.ndarray]) -> None:

@@ -1,4 +1,4 @@
-"""Which events fall into which frame."""
+"""Boundaries between frames of events."""
 
 from __future__ import annotations
 
@@ -10,24 +10,26 @@ import numpy as np
 from nvsdata.data.events import EVER, LATEST, Events
 
 MICROSECONDS = 1_000_000
-MAX_FRAMES = 1 << 24  # frames in a sequence, six days at 30 per second: more means that a clock is wrong
+MAX_FRAMES = 1 << 24  # frames in a sequence (six days at 30 per second); more of them are a wrong clock
 
 
 def frame_edges(duration: int, fps: float | None) -> np.ndarray:
-    """Edges in µs of the frames of 1 / `fps` s that cover 0 to `duration` (µs): int64 [frames + 1].
+    """Return the edges in µs, int64 [frames + 1], of the frames of 1 / `fps` s that cover 0 to `duration` (µs).
 
-    `fps` None: a single frame. ValueError for more than 2^24 frames.
+    `fps` None makes a single frame. ValueError for more than 2^24 frames.
     """
     if fps is None:
         return np.array([0, max(duration, 1)])
     count = math.ceil(min(duration * fps / MICROSECONDS, 1e18))
     if count > MAX_FRAMES:
         seconds = duration / MICROSECONDS
-        raise ValueError(f"{seconds:,.0f} s are {count:,} frames: do the events begin when they say (`Events.start`)?")
+        raise ValueError(
+            f"{seconds:,.0f} s are {count:,} frames, which are too many: check `Events.start` and the times"
+        )
     # one more, because rounding may move the last edge before the end
     with np.errstate(over="ignore"):
         edges = np.round(np.arange(count + 2) * MICROSECONDS / fps)
-    # one beyond the end may be beyond int64, too
+    # an edge beyond the end may also be beyond int64
     last = max(duration, LATEST)
     edges = np.where(edges < last, edges, -1).astype(np.int64)
     edges[edges < 0] = last
@@ -35,10 +37,11 @@ def frame_edges(duration: int, fps: float | None) -> np.ndarray:
 
 
 def frame_bounds(events: Events, origin: int, edges: np.ndarray) -> np.ndarray:
-    """Index of the first event of each frame, and the end of the last: int64 [frames + 1]; `edges` count from `origin`.
+    """Return the index of the first event of each frame, and the end of the last frame: int64 [frames + 1].
 
-    A frame has the events after its beginning up to and including its end, because an emulator's events of frame F_n
-    may lie at F_n exactly; the first frame also has the events at its beginning.
+    `edges` count from `origin`. A frame contains the events after its start, up to and including its end, because
+    events emulated from a video's frame may have exactly that frame's time. The first frame also contains
+    the events at its start.
     """
     bounds = np.searchsorted(events.t, origin + edges, "right")
     bounds[0] = np.searchsorted(events.t, origin, "left")
@@ -46,27 +49,28 @@ def frame_bounds(events: Events, origin: int, edges: np.ndarray) -> np.ndarray:
 
 
 def equal_bounds(events: Events, count: int) -> np.ndarray:
-    """Bounds, as in `frame_bounds`, of `count` frames of equal duration, half open but for the last one.
+    """Return bounds, as in `frame_bounds`, of `count` frames of equal duration.
 
-    They cover `events.start` to `events.end`; an event at t is in frame floor(count (t - start) / (end - start)), one
-    at the end in the last.
+    They cover `events.start` to `events.end`. An event at t is in frame floor(count (t - start) / (end - start)); an
+    event at the end is in the last frame.
     """
     check_count(count)
-    return share_bounds(events, events.start, events.end, [(n, count) for n in range(count)])
+    return fraction_bounds(events, events.start, events.end, [(n, count) for n in range(count)])
 
 
-def share_bounds(events: Events, start: int, end: int, shares: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Bounds of frames that begin at shares a / b of the time from `start` to `end` (µs); the last one never ends."""
+def fraction_bounds(events: Events, start: int, end: int, fractions: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Return bounds of frames that begin at fractions a / b of the time from `start` to `end` (µs)."""
     # at least 1, so that events at one time are in the first frame
     duration = max(end - start, 1)
-    # whole numbers of any size: a product of times may not fit int64
-    return _bounds(events, np.array([start - (-duration * a // b) for a, b in shares]))
+    # Python's integers, because a product of times may not fit int64
+    return _bounds(events, np.array([start - (-duration * a // b) for a, b in fractions]))
 
 
 def duration_bounds(events: Events, duration: int) -> np.ndarray:
-    """Bounds of frames of `duration` µs from `events.start` on, at least one, half open but for the last one.
+    """Return bounds of frames of `duration` µs from `events.start` on; there is at least one frame.
 
-    ValueError for more than 2^24 frames.
+    A frame contains the events at its start, but not those at its end; the last frame contains both. ValueError for
+    more than 2^24 frames.
     """
     count = max(-(-(events.end - events.start) // int(duration)), 1)
     check_count(count)
@@ -74,16 +78,16 @@ def duration_bounds(events: Events, duration: int) -> np.ndarray:
 
 
 def count_bounds(events: Events, count: int) -> np.ndarray:
-    """Bounds of frames of `count` events, at least one; the last one has those left over."""
+    """Return bounds of frames of `count` events; there is at least one frame, and the last may have fewer events."""
     frames = max(-(-len(events) // int(count)), 1)
     check_count(frames)
     return np.minimum(np.arange(frames + 1) * int(count), len(events))
 
 
 def check_count(frames: int) -> None:
-    """ValueError for more than 2^24 frames."""
+    """Raise ValueError for more than 2^24 frames."""
     if frames > MAX_FRAMES:
-        raise ValueError(f"that would be {frames:,} frames, more than {MAX_FRAMES:,}")
+        raise ValueError(f"{frames:,} frames are more than the {MAX_FRAMES:,} allowed: use longer frames")
 
 
 def _bounds(events: Events, begins: np.ndarray) -> np.ndarray:

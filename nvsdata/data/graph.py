@@ -1,4 +1,4 @@
-"""Event graphs, alone and in batches."""
+"""Event graphs and batches of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import torch
 from nvsdata.data.pseudo import Pseudo, Reach, pseudo
 from nvsdata.data.pyg import fields_of, is_pyg
 from nvsdata.data.pytree import pytree_node
-from nvsdata.data.recording import misplaced
+from nvsdata.data.recording import wrong_type
 from nvsdata.kernels.graph import edges as kernel
 
 if TYPE_CHECKING:
@@ -23,19 +23,25 @@ if TYPE_CHECKING:
 @pytree_node
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """A directed graph of events (thesis 4.2.1).
+    """A directed graph of events (thesis 4.2.1): nodes are events, edges connect events close in space and time.
 
-    - `x` float32 [N, F]: node features, by default polarity as ±1 (F = 1)
-    - `pos` float32 [N, 2]: pixels (x, y)
-    - `t` int64 [N]: µs since the start of the window
-    - `edge_index` int64 [2, E]: source and target node of each edge, grouped by target node
-    - `edge_attr` float32 [E, D]: pseudo-coordinates in [0, 1], D = 2 or 3; see `pseudo`
-    - `y`: the label of the sample; default None
-    - `sensor_size`: (width, height) in pixels; default None
-    - `reach`: what the end of an axis of the pseudo-coordinates stands for: pixels along x and y, and µs if D = 3;
-      default (3.0, 3.0)
-    - `pseudo`: kind of the pseudo-coordinates: "abs" (default), |dx| and |dy|; "signed", dx and dy from target to
-      source; "signed-time", these and dt
+    Args:
+        x: Node features, float32 [N, F]; polarity as ±1 (F = 1), unless a transform adds others.
+        pos: Positions (x, y) in pixels, float32 [N, 2].
+        t: Times in µs since the start of the window, int64 [N].
+        edge_index: Source and target node of each edge, int64 [2, E], grouped by target node.
+        edge_attr: Pseudo-coordinates in [0, 1], float32 [E, D], with D = 2 or 3.
+        y: Label of the sample (default None).
+        sensor_size: (width, height) in pixels (default None).
+        reach: Normalization range of the pseudo-coordinates: pixels along x and y, and µs if D = 3 (default
+            (3.0, 3.0)).
+        pseudo: Kind of the pseudo-coordinates: "abs" (default), |dx| and |dy|; "signed", dx and dy from target to
+            source; "signed-time", these and dt.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.RadiusGraph(3.0)(Events([0, 5], [1, 2], [1, 1], [1, 0]))
+        Graph(2 nodes, 2 edges)
     """
 
     x: torch.Tensor
@@ -59,11 +65,11 @@ class Graph:
         return self.edge_index.shape[1]
 
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> Self:
-        """The same graph on another device."""
+        """Return the graph on another device."""
         return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
     def pin_memory(self) -> Self:
-        """The same graph in page-locked memory, from which copies to a GPU are fast."""
+        """Return the graph in page-locked memory, from which copies to a GPU are fast."""
         return self._each(lambda tensor: tensor.pin_memory())
 
     def _each(self, change: Callable[[torch.Tensor], torch.Tensor]) -> Self:
@@ -72,19 +78,21 @@ class Graph:
         return replace(self, **changes)
 
     def moved(self, pos: torch.Tensor) -> Self:
-        """The same edges between nodes at `pos` float32 [N, 2]; pseudo-coordinates follow (CPU only)."""
+        """Return the graph with nodes at `pos` float32 [N, 2] and new pseudo-coordinates (CPU only)."""
         return replace(self, pos=pos, edge_attr=pseudo(pos, self.t, self.edge_index, self.reach, self.pseudo))
 
     @classmethod
     def from_pyg(cls, data: Data) -> Self:
-        """The graph that a `torch_geometric.data.Data` holds, or the batch in a `Batch` (`GraphBatch.from_pyg`).
+        """Convert a `torch_geometric.data.Data` to a graph; `GraphBatch.from_pyg` converts a `Batch`.
 
-        - `data`: with `x` [N, F], `pos` [N, 2] (pixels) and `edge_index` [2, E], in any order; the other fields are
-          taken if they are there, such as `data.reach = (5.0, 5.0)`. Without `t` all times are 0; without
-          `edge_attr` pseudo-coordinates are computed from `pos` and `reach`. Without `pseudo` they are, or become,
-          "signed", as those of `torch_geometric.transforms.Cartesian`
+        Args:
+            data: Data with `x` [N, F], `pos` [N, 2] (pixels) and `edge_index` [2, E], in any order. Other fields are
+                used if they exist, such as `data.reach = (5.0, 5.0)`. Without `t`, all times are 0. Without
+                `edge_attr`, pseudo-coordinates are computed from `pos` and `reach`. Without `pseudo`, they are taken
+                to be "signed", like those of `torch_geometric.transforms.Cartesian`.
 
-        ValueError that names the fields that are missing or of another shape.
+        Raises:
+            ValueError: If fields are missing or have another shape; the message names them.
         """
         found = fields_of(data, [field.name for field in fields(cls)])
         if "edge_attr" in found:
@@ -92,7 +100,7 @@ class Graph:
         return cls(**found, edge_attr=found["pos"][:0]).moved(found["pos"])
 
     def to_pyg(self) -> Data:
-        """A `torch_geometric.data.Data` of the same fields, but those that are None; needs the extra `pyg`."""
+        """Convert to a `torch_geometric.data.Data`, without fields that are None; needs the extra `pyg`."""
         values = {field.name: getattr(self, field.name) for field in fields(Graph)}
         return _torch_geometric().Data(**{name: value for name, value in values.items() if value is not None})
 
@@ -103,15 +111,21 @@ class Graph:
 @pytree_node
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GraphBatch(Graph):
-    """B graphs in one: nodes concatenated, node numbers in edges shifted to match.
+    """A batch of B graphs: nodes are concatenated, and node indices in edges are shifted to match.
 
-    It has the fields of `Graph`, and
-    - `batch` int64 [N]: the number of the graph that a node belongs to
-    - `ptr` int64 [B + 1]: graph b has the nodes ptr[b] to ptr[b + 1] - 1
-    - `volumes`: S, if each sample is a sequence of S graphs (graph b belongs to sample b // S); default 1
+    The other fields are those of `Graph`. `sensor_size` is the largest width and the largest height among the graphs.
+    `y` is a tensor [B], or None if any graph has no label.
 
-    `sensor_size` is the largest width and the largest height among the graphs. `y` is a tensor [B], or None if any
-    graph has none.
+    Args:
+        batch: Number of each node's graph, int64 [N].
+        ptr: int64 [B + 1]; graph b has the nodes ptr[b] to ptr[b + 1] - 1.
+        volumes: S, if each sample is a sequence of S graphs; graph b belongs to sample b // S (default 1).
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> graph = T.RadiusGraph(3.0)(Events([0, 5], [1, 2], [1, 1], [1, 0]))
+        >>> GraphBatch.from_graphs([graph, graph])
+        GraphBatch(2 graphs, 4 nodes, 4 edges)
     """
 
     batch: torch.Tensor
@@ -127,7 +141,12 @@ class GraphBatch(Graph):
     def from_graphs(cls, graphs: Sequence[Graph], *, volumes: int = 1) -> GraphBatch:
         """Concatenate graphs; a single one isn't copied.
 
-        ValueError if there are none, or if their `reach` or `pseudo` differs.
+        Args:
+            graphs: The graphs, at least one.
+            volumes: Number S of graphs of each sample (default 1).
+
+        Raises:
+            ValueError: If there are no graphs, or if their `reach` or `pseudo` differs.
         """
         if not graphs:
             raise ValueError("a batch needs at least one graph")
@@ -165,17 +184,17 @@ class GraphBatch(Graph):
 
     @classmethod
     def of(cls, graph: Graph | Data) -> GraphBatch:
-        """The graph as a batch of one; a batch is returned as it is; those of PyTorch Geometric by `from_pyg`."""
+        """Convert a graph to a batch of one; data of PyTorch Geometric are converted by `from_pyg`."""
         if isinstance(graph, GraphBatch):
             return graph
         if isinstance(graph, Graph):
             return cls.from_graphs([graph.to("cpu")]).to(graph.x.device)
         if is_pyg(graph):
             return cls.from_pyg(graph)
-        raise misplaced("a graph, or a batch of graphs", graph)
+        raise wrong_type("a graph, or a batch of graphs", graph)
 
     def __getitem__(self, number: int) -> Graph:
-        """Graph number `number`; negative ones count from the end. IndexError if there is no such graph."""
+        """Return graph `number`; negative numbers count from the end. IndexError if there is no such graph."""
         b = whole_number(number)
         if not -self.num_graphs <= b < self.num_graphs:
             raise IndexError(f"no graph {b} in a batch of {self.num_graphs}")
@@ -183,18 +202,18 @@ class GraphBatch(Graph):
         return self._graph(b, (self._graph_of_edges() == b).nonzero().squeeze(1))
 
     def to_graphs(self) -> list[Graph]:
-        """The graphs of the batch. `sensor_size` is that of the batch; a label `y` is a number again."""
+        """Return the graphs of the batch. Their `sensor_size` is that of the batch; a label `y` is a number."""
         graph = self._graph_of_edges()
         counts = torch.bincount(graph, minlength=self.num_graphs).tolist()
         each = torch.split(torch.argsort(graph, stable=True), counts)
         return [self._graph(b, edges) for b, edges in enumerate(each)]
 
     def _graph_of_edges(self) -> torch.Tensor:
-        """The number of the graph that each edge belongs to, int64 [E]."""
+        """Return the number of the graph that each edge belongs to, int64 [E]."""
         return self.batch[self.edge_index[1]]
 
     def _graph(self, b: int, edges: torch.Tensor) -> Graph:
-        """Graph b, whose edges have the numbers `edges`."""
+        """Return graph b, whose edges have the indices `edges`."""
         start, stop = self.ptr[b : b + 2].tolist()
         values = {field.name: getattr(self, field.name) for field in fields(Graph)}
         values |= {name: values[name][start:stop] for name in ("x", "pos", "t")}
@@ -204,9 +223,10 @@ class GraphBatch(Graph):
         return Graph(**values)
 
     def to_pyg(self) -> Batch:
-        """A `torch_geometric.data.Batch` with the fields of `Graph.to_pyg` and `volumes`; needs the extra `pyg`.
+        """Convert to a `torch_geometric.data.Batch`; needs the extra `pyg`.
 
-        Its `to_data_list()` gives the graphs; there, as usual in PyTorch Geometric, `y` is a tensor [1].
+        It has the fields of `Graph.to_pyg`, and `volumes`. Its `to_data_list()` returns the graphs; their `y` is a
+        tensor [1], as usual in PyTorch Geometric.
         """
         kind = _torch_geometric().Batch
         labels = [None] * self.num_graphs if self.y is None else torch.split(self.y, 1)
@@ -220,7 +240,7 @@ class GraphBatch(Graph):
 
 
 def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Source, target and pseudo-coordinates, grouped by target (CPU). ValueError for invalid edges."""
+    """Return source, target and pseudo-coordinates, grouped by target (CPU). ValueError for invalid edges."""
     source, target, u = edge_index[0].contiguous(), edge_index[1].contiguous(), u.detach().contiguous()
     if len(u) != len(source):
         raise ValueError(f"edge_attr has {len(u)} rows for {len(source)} edges")
@@ -228,7 +248,7 @@ def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torc
     if code == kernel.NO_SUCH_NODE:
         raise ValueError(f"edge_index names nodes from {edge_index.min()} to {edge_index.max()}; there are {nodes}")
     if code == kernel.NOT_FINITE:
-        raise ValueError("edge_attr holds numbers that are not finite")
+        raise ValueError("edge_attr has numbers that are not finite")
     if code == kernel.GROUPED:
         return source, target, u
     order = torch.argsort(target, stable=True)
@@ -244,7 +264,7 @@ def _torch_geometric() -> Any:
 
 
 def sequence_of(graphs: Any) -> list[Graph]:
-    """The graphs of a sequence; TypeError for anything but a list or tuple of graphs."""
+    """Return the graphs of a sequence. TypeError for anything but a list or tuple of graphs."""
     if not isinstance(graphs, list | tuple) or not all(isinstance(graph, Graph) for graph in graphs):
-        raise misplaced("a graph, or a list of graphs", graphs)
+        raise wrong_type("a graph, or a list of graphs", graphs)
     return list(graphs)

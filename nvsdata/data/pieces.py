@@ -1,4 +1,4 @@
-"""Recordings handed out piece by piece, with what was recorded besides events."""
+"""Recordings in pieces: events together with frames and inertial samples."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from nvsdata.data.recording import Recording
 from nvsdata.data.samples import Frame, Inertial, Piece
 
 
-class _Passing:
-    """Frames and inertial samples of a recording, read once and handed out in order of time."""
+class _OtherData:
+    """Frames and inertial samples of a recording, read once, in order of time."""
 
     def __init__(self, recording: Recording, start: int | None = None, stop: int | None = None) -> None:
         inertial = recording.inertial(start, stop)
@@ -25,12 +25,12 @@ class _Passing:
         self._next = next(self._frames, None)
 
     def first(self) -> list[int]:
-        """Times of the next frame and the next sample, if there are any."""
+        """Return the times of the next frame and the next sample, if there are any."""
         times = self._inertial.t[:1].tolist()
         return times if self._next is None else [*times, self._next.exposure_start]
 
     def until(self, last: int) -> tuple[list[Frame], Inertial]:
-        """The remaining frames and samples up to and including the time `last` in µs."""
+        """Return the remaining frames and samples up to and including the time `last` (µs)."""
         frames = []
         while self._next is not None and self._next.exposure_start <= last:
             frames.append(self._next)
@@ -41,26 +41,25 @@ class _Passing:
 
 
 def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
-    """A recording with its frames and inertial samples in pieces of `every` µs; the last piece has the camera's facts.
+    """Yield a recording in pieces of `every` µs, with frames and inertial samples; the last one has `Recording.about`.
 
-    Events are decoded as a whole, so that damage is reported before any are handed out. A time without any content
-    gives no pieces.
+    All events are decoded first, so that damage is reported before the first piece. Times without any data are skipped.
     """
-    events, beside, done = recording.read(), _Passing(recording), 0
-    while times := [*events.t[done : done + 1].tolist(), *beside.first()]:
+    events, other, done = recording.read(), _OtherData(recording), 0
+    while times := [*events.t[done : done + 1].tolist(), *other.first()]:
         last = min(min(times) + every - 1, EVER[1])
         count = int(events.t.searchsorted(last, "right"))
         end = max(events.start, min(last, events.end))
         piece = Events.trusted(events.columns.take(slice(done, count)), events.sensor_size, events.start, end)
-        yield Piece.beside(piece, *beside.until(last))
+        yield Piece.of_camera(piece, *other.until(last))
         done = count
-    yield Piece.beside(Events.empty(events.sensor_size, events.start, events.end), about=recording.about)
+    yield Piece.of_camera(Events.empty(events.sensor_size, events.start, events.end), about=recording.about)
 
 
 def in_windows(recording: Recording, count: int) -> Iterator[Events]:
-    """A recording in `count` windows of equal duration, which take as much memory as the fullest of them.
+    """Yield a recording in `count` windows of equal duration; memory is needed for the largest of them only.
 
-    Damage is reported at the window that it is in.
+    Damage is reported when its window is read.
     """
     first, last = recording.span
     edges = [first + (last + 1 - first) * n // count for n in range(count + 1)]
@@ -71,27 +70,27 @@ def in_windows(recording: Recording, count: int) -> Iterator[Events]:
         yield Events.trusted(events.columns, events.sensor_size, begin, end)
 
 
-def cut(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> Iterator[Events]:
-    """A recording from `start` to `stop` (µs) in pieces of `every` µs, with times counted from `start`.
+def cut_pieces(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> Iterator[Events]:
+    """Yield a recording from `start` to `stop` (µs) in pieces of `every` µs, with times counted from `start`.
 
-    A frame belongs to the piece in which its exposure begins; `started` in `about` is moved to the time of the cut.
+    A frame belongs to the piece in which its exposure begins. `started` in `about` becomes the time of `start`.
     """
-    about = later(recording.about, start)
-    beside = _Passing(recording, start, stop) if recording.holds_samples else None
+    about = about_from(recording.about, start)
+    other = _OtherData(recording, start, stop) if recording.holds_samples else None
     for begin in range(start, stop, every):
         end = min(begin + every, stop)
         events = recording.read(begin, end)
         columns = Columns(events.t - start, events.x, events.y, events.p)
         shifted = Events.trusted(columns, events.sensor_size, begin - start, events.end - start)
-        if beside is not None:
-            frames, inertial = beside.until(end - 1)
-            shifted = Piece.beside(shifted, [f.shifted(start) for f in frames], inertial.shifted(start), about)
+        if other is not None:
+            frames, inertial = other.until(end - 1)
+            shifted = Piece.of_camera(shifted, [f.shifted(start) for f in frames], inertial.shifted(start), about)
             about = {}
         yield shifted
 
 
-def later(about: Mapping[str, Any], time: int) -> dict[str, Any]:
-    """The facts `about` a camera for a recording whose time 0 lies `time` µs later."""
+def about_from(about: Mapping[str, Any], time: int) -> dict[str, Any]:
+    """Return `Recording.about` for a recording whose time 0 is `time` µs later."""
     moved = dict(about)
     if "frame_times" in moved:
         moved["frame_times"] = moved["frame_times"] - time

@@ -1,6 +1,6 @@
-"""Graphs of PyTorch Geometric: the fields of a `Graph` in a `Data` or `Batch`.
+"""Graphs of PyTorch Geometric: checks a `Data` or `Batch` and returns the fields of a `Graph`.
 
-Nothing here imports torch_geometric: whoever has such an object has imported it.
+This module doesn't import torch_geometric. A program that has such an object has imported it.
 """
 
 from __future__ import annotations
@@ -17,26 +17,30 @@ NEEDED = ("x", "pos", "edge_index")
 
 
 def is_pyg(sample: object) -> bool:
-    """Whether `sample` is a `torch_geometric.data.Data` or `Batch`."""
+    """Return whether `sample` is a `torch_geometric.data.Data` or `Batch`."""
     kind = getattr(sys.modules.get("torch_geometric.data"), "Data", ())
     return isinstance(sample, kind)
 
 
 def fields_of(data: Any, names: Collection[str]) -> dict[str, Any]:
-    """The fields of a `Graph` or `GraphBatch` that `data` has, checked, in the types and the order that graphs have.
+    """Return the fields of a `Graph` or `GraphBatch` that `data` has, checked and converted.
 
-    - `data`: a `Data` or `Batch`
-    - `names`: all fields; if `batch` is one of them, `batch` and `ptr` are made, else `data` must be a single graph
+    Edges are grouped by target. `t` is 0 if there are no times. Missing fields have no entry.
 
-    Edges are grouped by target, `t` is 0 if there are no times. Fields that are missing have no entry. ValueError
-    for fields that are missing but necessary, of other shapes, or that contradict each other.
+    Args:
+        data: A `Data` or `Batch`.
+        names: Names of all fields. If `batch` is one of them, `batch` and `ptr` are computed; otherwise `data` must be
+            a single graph.
+
+    Raises:
+        ValueError: If a necessary field is missing, has another shape, or contradicts another field.
     """
     found = {name: data[name] for name in names if name in data and data[name] is not None}
-    if lacking := [name for name in NEEDED if name not in found]:
+    if missing := [name for name in NEEDED if name not in found]:
         kind = type(data).__name__
-        raise ValueError(f"a graph needs {', '.join(NEEDED)}; this {kind} lacks {' and '.join(lacking)}")
+        raise ValueError(f"a graph needs {', '.join(NEEDED)}; this {kind} has no {' and '.join(missing)}")
     if getattr(data, "batch", None) is not None and "batch" not in names:
-        raise ValueError(f"this {type(data).__name__} is a batch of graphs, which GraphBatch.from_pyg takes")
+        raise ValueError(f"this {type(data).__name__} is a batch of graphs: use GraphBatch.from_pyg")
     found |= _settings(found)
     found |= _nodes(found) | _edges(found)
     if "batch" in names:
@@ -45,12 +49,12 @@ def fields_of(data: Any, names: Collection[str]) -> dict[str, Any]:
 
 
 def _settings(found: dict[str, Any]) -> dict[str, Any]:
-    """What isn't a tensor: PyG's batches have a list of it, with an entry for each graph."""
+    """Return the fields that aren't tensors; batches of PyG have a list of them, with an entry for each graph."""
     settings: dict[str, Any] = {}
     for name in found.keys() - {*NEEDED, "t", "edge_attr", "y", "batch", "ptr"}:
         value = found[name]
         if isinstance(value, torch.Tensor):
-            raise ValueError(f"{name} must be numbers or words, not a tensor {list(value.shape)}")
+            raise ValueError(f"{name} must be numbers or strings, not a tensor {list(value.shape)}")
         each = value if isinstance(value, list) and value and isinstance(value[0], tuple | list | str) else [value]
         each = [tuple(one) if isinstance(one, list) else one for one in each]
         if name == "sensor_size":
@@ -58,7 +62,7 @@ def _settings(found: dict[str, Any]) -> dict[str, Any]:
         if len(set(each)) > 1:
             raise ValueError(f"graphs of different {name} in one batch: {sorted(set(each))}")
         settings[name] = each[0]
-    # as `torch_geometric.transforms.Cartesian` gives them
+    # as `torch_geometric.transforms.Cartesian` computes them
     settings.setdefault("pseudo", "signed-time" if len(settings.get("reach", "xy")) == 3 else "signed")
     check_pseudo(settings["pseudo"])
     return settings
@@ -76,7 +80,7 @@ def _nodes(found: dict[str, Any]) -> dict[str, torch.Tensor]:
 
 
 def _edges(found: dict[str, Any]) -> dict[str, torch.Tensor]:
-    """Edges grouped by target, and their attributes, if there are any."""
+    """Return edges grouped by target, and their attributes, if there are any."""
     edges, nodes = found["edge_index"], found["x"].shape[0]
     if edges.ndim != 2 or edges.shape[0] != 2 or edges.is_floating_point():
         raise ValueError(f"edge_index must be int64 [2, E], not {edges.dtype} {list(edges.shape)}")
@@ -86,7 +90,7 @@ def _edges(found: dict[str, Any]) -> dict[str, torch.Tensor]:
     u = found.get("edge_attr")
     wanted = [edges.shape[1], len(found.get("reach", "xy"))]
     if u is not None and list(u.shape) != wanted:
-        without = "without edge_attr they are computed from pos"
+        without = "remove edge_attr to have them computed from pos"
         raise ValueError(f"edge_attr must be pseudo-coordinates {wanted}, not {list(u.shape)}; {without}")
     target = edges[1]
     if (target[1:] < target[:-1]).any():
@@ -96,7 +100,7 @@ def _edges(found: dict[str, Any]) -> dict[str, torch.Tensor]:
 
 
 def _membership(data: Any, found: dict[str, Any]) -> dict[str, Any]:
-    """`batch` and `ptr`, and `y` as a tensor; a `Data` without `batch` is a batch of one."""
+    """Return `batch` and `ptr`, and `y` as a tensor; a `Data` without `batch` is a batch of one."""
     x, edges = found["x"], found["edge_index"]
     if "batch" not in found:
         batch = torch.zeros(x.shape[0], dtype=torch.int64, device=x.device)
@@ -105,7 +109,7 @@ def _membership(data: Any, found: dict[str, Any]) -> dict[str, Any]:
         return {"batch": batch, "ptr": torch.tensor([0, x.shape[0]], device=x.device), **labels}
     batch = found["batch"].long()
     if batch.shape != x.shape[:1] or (batch[1:] < batch[:-1]).any() or (batch[:1] < 0).any():
-        raise ValueError(f"batch must be the rising numbers of the nodes' graphs, [{x.shape[0]}]")
+        raise ValueError(f"batch must be the numbers of the nodes' graphs in ascending order, [{x.shape[0]}]")
     if (batch[edges[0]] != batch[edges[1]]).any():
         raise ValueError("edge_index has edges from one graph to another")
     highest = int(batch[-1]) + 1 if batch.numel() else 0

@@ -1,4 +1,4 @@
-"""Data classes of tensors as torch's pytrees: `torch.export`, `torch.func` and `tree_map` see their tensors."""
+"""Registers data classes of tensors as pytrees of torch, for `torch.export`, `torch.func` and `tree_map`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Context = tuple[tuple[str, ...], tuple[tuple[str, Any], ...]]
 
 
 def pytree_node(kind: Kind) -> Kind:
-    """Class decorator for a data class: fields that hold tensors are leaves, all others are its context.
+    """Register a data class as a pytree: fields that are tensors are leaves, all others are its context.
 
-    `torch.export.save` stores the context as JSON. A network that was exported takes objects of equal context.
+    `torch.export.save` stores the context as JSON. An exported network takes only objects of equal context.
     """
 
     def flatten(value: Any) -> tuple[list[Any], Context]:
@@ -41,11 +41,11 @@ def pytree_node(kind: Kind) -> Kind:
         from_dumpable_context=_tuples,
         flatten_with_keys_fn=with_keys,
     )
-    # an exported network's example inputs are pickled; these classes hold nothing but data
+    # example inputs of an exported network are pickled; these classes contain data only
     torch.serialization.add_safe_globals([kind])
     return kind
 
 
 def _tuples(value: Any) -> Any:
-    """Turn JSON's lists back into tuples."""
+    """Convert lists of JSON to tuples."""
     return tuple(map(_tuples, value)) if isinstance(value, list) else value

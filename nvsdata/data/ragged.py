@@ -14,26 +14,26 @@ from nvsdata.data.recording import Recording, as_events
 Ragged = TypeVar("Ragged", bound="_Tensors")
 
 
-def sensors_differ(sizes: Iterable[tuple[int, int]]) -> str:
-    """What to say of samples of several sensor sizes (width, height)."""
+def sensor_size_advice(sizes: Iterable[tuple[int, int]]) -> str:
+    """Return a message about samples of several sensor sizes (width, height)."""
     several = sorted(set(sizes))
     shown = ", ".join(f"{width}x{height}" for width, height in several)
     largest = max(width for width, _ in several), max(height for _, height in several)
-    # as N-MNIST's, read one by one
-    cause = "a file that doesn't state its sensor gets the size that its events need"
+    # as for files of N-MNIST that are read one by one
+    cause = "a file that doesn't state its sensor gets the smallest size that contains its events"
     cure = f"state it, sensor_size={largest}, in nvsdata.read, nvsdata.open or EventFolder"
     return f"have several sensor sizes, {shown}: {cause}, so {cure}"
 
 
 class _Tensors:
-    """Tensors that go to a device together."""
+    """Base class: a data class of tensors that are moved to a device together."""
 
     def to(self: Ragged, device: torch.device | str, non_blocking: bool = False) -> Ragged:
-        """The same on another device."""
+        """Return a copy on another device."""
         return self._of(lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
     def pin_memory(self: Ragged) -> Ragged:
-        """The same in pinned memory; a DataLoader calls it."""
+        """Return a copy in pinned memory; a DataLoader calls this."""
         return self._of(torch.Tensor.pin_memory)
 
     def _of(self: Ragged, change: Any) -> Ragged:
@@ -45,10 +45,16 @@ class _Tensors:
 
 @dataclass(frozen=True)
 class Padded(_Tensors):
-    """B tensors of unequal size, filled up with zeros at the end of each axis.
+    """B tensors of unequal size, padded with zeros at the end of each axis.
 
-    - `values`: [B, ...], as large along each axis as the largest sample
-    - `sizes`: int64 [B, D], the size of each sample along its D axes
+    Args:
+        values: [B, ...], along each axis as large as the largest sample.
+        sizes: int64 [B, D], size of each sample along its D axes.
+
+    Example:
+        >>> batch = Padded.of([torch.ones(1), torch.ones(3)])
+        >>> batch.values.tolist(), batch.lengths.tolist()
+        ([[1.0, 0.0, 0.0], [1.0, 1.0, 1.0]], [1, 3])
     """
 
     values: torch.Tensor
@@ -56,7 +62,7 @@ class Padded(_Tensors):
 
     @classmethod
     def of(cls, samples: Sequence[torch.Tensor]) -> Padded:
-        """A batch of tensors with the same number of axes, at least one."""
+        """Make a batch of tensors with the same number of axes, at least one."""
         sizes = torch.tensor([sample.shape for sample in samples])
         values = samples[0].new_zeros((len(samples), *sizes.amax(0).tolist()))
         for sample, place in zip(samples, values, strict=True):
@@ -70,7 +76,7 @@ class Padded(_Tensors):
 
     @property
     def mask(self) -> torch.Tensor:
-        """Where `values` has a sample's own values: bool, of the same shape."""
+        """Mask of the values that aren't padding: bool, of the shape of `values`."""
         own = torch.ones_like(self.values, dtype=torch.bool)
         for axis in range(self.sizes.shape[1]):
             size = self.values.shape[axis + 1]
@@ -81,11 +87,20 @@ class Padded(_Tensors):
 
 @dataclass(frozen=True)
 class EventBatch(_Tensors):
-    """The events of B samples, one after the other.
+    """The events of B samples, concatenated.
 
-    - `t` int64, `x` and `y` int16, `p` uint8: the columns, each [N]
-    - `offsets`: int64 [B + 1]; the events of sample b are those from `offsets[b]` to `offsets[b + 1]`
-    - `sensor_sizes`: B pairs (width, height)
+    Args:
+        t: int64 [N], µs.
+        x: int16 [N], pixels.
+        y: int16 [N], pixels.
+        p: uint8 [N], 1 for ON and 0 for OFF.
+        offsets: int64 [B + 1]; sample b has the events `offsets[b]` to `offsets[b + 1]` - 1.
+        sensor_sizes: B pairs (width, height).
+
+    Example:
+        >>> batch = EventBatch.of([Events([5], [1], [0], [1]), Events([7, 9], [0, 0], [1, 1], [0, 1])])
+        >>> batch.offsets.tolist(), batch.starts.tolist()
+        ([0, 1, 3], [5, 7])
     """
 
     t: torch.Tensor
@@ -97,7 +112,7 @@ class EventBatch(_Tensors):
 
     @classmethod
     def of(cls, samples: Sequence[Events | Recording]) -> EventBatch:
-        """A batch of at least one sample; recordings are decoded."""
+        """Make a batch of at least one sample; recordings are decoded."""
         events = [as_events(sample) for sample in samples]
         columns = concatenate([each.columns for each in events])
         offsets = torch.tensor([0, *map(len, events)]).cumsum(0)
@@ -105,14 +120,14 @@ class EventBatch(_Tensors):
         return cls(**tensors, offsets=offsets, sensor_sizes=tuple(each.sensor_size for each in events))
 
     def __len__(self) -> int:
-        """B."""
+        """Return the number of samples B."""
         return len(self.sensor_sizes)
 
     @property
     def sensor_size(self) -> tuple[int, int]:
         """(width, height) of all samples; ValueError if they differ."""
         if len(set(self.sensor_sizes)) > 1:
-            raise ValueError(f"samples {sensors_differ(self.sensor_sizes)}; or crop or resize them")
+            raise ValueError(f"samples {sensor_size_advice(self.sensor_sizes)}; or crop or resize them")
         return self.sensor_sizes[0]
 
     @property
@@ -126,7 +141,7 @@ class EventBatch(_Tensors):
         return self._times(self.offsets[1:] - 1) - self.starts
 
     def _times(self, at: torch.Tensor) -> torch.Tensor:
-        """Times of the events at [B] places, 0 for samples without any."""
+        """Return the times of the events with these indices [B]; 0 for samples without events."""
         empty = self.offsets.diff() == 0
         return torch.cat((self.t, self.t.new_zeros(1)))[at.masked_fill(empty, len(self.t))]
 

@@ -1,4 +1,4 @@
-"""The interface of recordings, wherever their events are stored; transforms and datasets are given recordings."""
+"""`Recording`: the interface of files and other sources of events, which transforms and datasets use."""
 
 from __future__ import annotations
 
@@ -17,16 +17,27 @@ if TYPE_CHECKING:
 
 
 class Recording(ABC):
-    """Events that are not decoded yet; `read` decodes the window that is asked for.
+    """Events that are not decoded yet; `read` decodes only the requested window.
 
-    A subclass must define `sensor_size`, `span` and `read`; it defines `start`, `end`, `frames`, `inertial` and `about`
-    if its file holds more than events.
+    A subclass must define `sensor_size`, `span` and `read`. It defines `start`, `end`, `frames`, `inertial`, `triggers`
+    and `about` if its file contains more than events.
 
-    - `path`: the file that the events come from
-    - `format`: name of the file's format
-    - `holds_samples`: whether frames and inertial samples can be read; default False
-    - `holds_triggers`: whether external triggers can be read; default False
-    - `repairs`: kinds of what was left out or corrected when it was read without `strict`, with counts
+    Attributes:
+        path: File that contains the events.
+        format: Name of the file's format.
+        holds_samples: Whether frames and inertial samples can be read (default False).
+        holds_triggers: Whether external triggers can be read (default False).
+        repairs: Number of events or records that were left out or corrected, by kind, if the file was read with
+            `strict=False`.
+
+    Example:
+        >>> import nvsdata, os, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = os.path.join(folder, "a.h5")
+        ...     _ = nvsdata.write(Events([0, 10, 30], [0, 3, 1], [1, 1, 0], [1, 0, 1]), path)
+        ...     recording = nvsdata.open(path)
+        ...     recording.span, recording.read(0, 20)
+        ((0, 30), Events(2 events, 10 µs, 4x2))
     """
 
     path: str = ""
@@ -47,10 +58,15 @@ class Recording(ABC):
 
     @abstractmethod
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
-        """Events with start <= t < stop (µs, as in the file; None is without bound), sorted by time.
+        """Return the events with start <= t < stop, sorted by time. They are empty outside the recording.
 
-        A window outside the recording gives empty Events. Raises FormatError if the decoded part
-        is damaged, ValueError if stop < start.
+        Args:
+            start: µs in the file's clock; None (default) is without bound.
+            stop: µs in the file's clock; None (default) is without bound.
+
+        Raises:
+            FormatError: If the decoded part is damaged.
+            ValueError: If stop < start.
         """
 
     @property
@@ -60,47 +76,60 @@ class Recording(ABC):
 
     @property
     def start(self) -> int:
-        """The first moment of the recording in µs: as the file states, else the time of its first event."""
+        """First moment of the recording in µs, as the file states it; otherwise the time of its first event."""
         return self.span[0]
 
     @property
     def end(self) -> int:
-        """The last moment of the recording in µs: as the file states, else the time of its last event."""
+        """Last moment of the recording in µs, as the file states it; otherwise the time of its last event."""
         return self.span[1]
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
-        """Frames whose exposure begins at start <= t < stop (µs, as in the file), one by one, if there are any.
+        """Yield the frames whose exposure begins at start <= t < stop (µs, in the file's clock).
 
-        They are read from HDF5, AEDAT 2, AEDAT 4 and a DAVIS camera's stream. FormatError for other formats, of which
-        nvsdata reads only events.
+        They are read from HDF5, AEDAT 2, AEDAT 4 and recordings of a DAVIS camera's raw stream.
+
+        Raises:
+            FormatError: If nvsdata reads only events of this format.
         """
         raise FormatError(self.path, f"frames aren't read from {self.format} files")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
-        """Inertial samples with start <= t < stop (µs, as in the file), from the same formats as `frames`."""
+        """Return the inertial samples with start <= t < stop (µs, in the file's clock).
+
+        They are read from the same formats as `frames`.
+
+        Raises:
+            FormatError: If nvsdata reads only events of this format.
+        """
         raise FormatError(self.path, f"inertial samples aren't read from {self.format} files")
 
     def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
-        """External triggers with start <= t < stop (µs, as in the file).
+        """Return the external triggers with start <= t < stop (µs, in the file's clock).
 
-        They are read from Prophesee's `.raw` and AEDAT 4. FormatError for other formats.
+        They are read from Prophesee's `.raw` and AEDAT 4.
+
+        Raises:
+            FormatError: If it is another format.
         """
         raise FormatError(self.path, f"external triggers aren't read from {self.format} files")
 
     @property
     def about(self) -> Mapping[str, Any]:
-        """What the file states about its camera; keys are missing where it states nothing.
+        """Metadata that the file states; a key is missing if the file doesn't state it.
 
-        `camera` and `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (name to two numbers),
-        `temperature` (°C). Of events that were emulated: `emulator`, its settings, `imperfections`,
-        how many events they added and left out, and `frame_times`, those of the video's frames (int64, µs).
+        Of a camera: `camera` (name), `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (two numbers by
+        name), `temperature` (°C). Of emulated events: `emulator` (its settings), `imperfections` (numbers of events
+        that they added and removed), `frame_times` (of the video's frames, int64, µs).
         """
         return {}
 
     @property
     def frame_times(self) -> np.ndarray:
-        """Times of the frames, int64 [N], µs: of the video that events were emulated from, else of the sensor's own
-        frames, in the middle of their exposure. FormatError for formats of which nvsdata reads only events.
+        """Times of the frames in µs, int64 [N].
+
+        They are the frames of the video that the events were emulated from, otherwise the sensor's own frames, at the
+        midpoint of their exposure. FormatError if nvsdata reads only events of this format.
         """
         known = self.about.get("frame_times")
         if known is not None:
@@ -109,9 +138,15 @@ class Recording(ABC):
         return np.fromiter(middles, np.int64)
 
     def between_frames(self, first: int, last: int | None = None) -> Events:
-        """Events after frame `first` up to frame `last` (default: the one after it), by `frame_times`: t_i < t <= t_j.
+        """Return the events after frame `first` up to frame `last`, that is, those with t_first < t <= t_last.
 
-        IndexError for a frame that isn't there, ValueError if `last` comes before `first`.
+        Args:
+            first: Index of a frame in `frame_times`.
+            last: Index of a later frame (default: `first` + 1).
+
+        Raises:
+            IndexError: If there is no such frame.
+            ValueError: If `last` comes before `first`.
         """
         times = self.frame_times
         last = first + 1 if last is None else last
@@ -122,11 +157,11 @@ class Recording(ABC):
         return self.read(int(times[first]) + 1, int(times[last]) + 1)
 
     def pieces(self) -> Iterator[Events]:
-        """The whole recording in pieces for `nvsdata.write`, with frames and inertial samples if `holds_samples`."""
+        """Yield the entire recording in pieces for `nvsdata.write`, with its frames and inertial samples."""
         return iter((self.read(),))
 
     def anomalies(self) -> Mapping[str, int]:
-        """Counts of oddities in the recording: steps back in time, and duplicate events."""
+        """Count the anomalies of the recording: steps back in time, and duplicate events."""
         return anomalies_of(self.read().columns)
 
     def __repr__(self) -> str:
@@ -134,35 +169,35 @@ class Recording(ABC):
 
 
 def anomalies_of(raw: Columns) -> dict[str, int]:
-    """Counts of steps back in time and of duplicate events, for events in file order."""
+    """Count steps back in time and duplicate events among events in file order."""
     steps_back = int(np.count_nonzero(raw.t[1:] < raw.t[:-1]))
     raw = sort_by_time(raw)
-    # duplicates at one time need not be adjacent in the file
+    # duplicates at one time may not be adjacent in the file
     order = np.lexsort((raw.p, raw.y, raw.x, raw.t))
-    twins = np.ones(max(raw.t.size - 1, 0), bool)
+    duplicates = np.ones(max(raw.t.size - 1, 0), bool)
     for column in raw:
         ordered = column[order]
-        twins &= ordered[1:] == ordered[:-1]
-    return {"steps back in time": steps_back, "duplicate events": int(np.count_nonzero(twins))}
+        duplicates &= ordered[1:] == ordered[:-1]
+    return {"steps back in time": steps_back, "duplicate events": int(np.count_nonzero(duplicates))}
 
 
 def as_events(sample: object) -> Events:
-    """The events of a sample: Events as they are, a Recording read whole. TypeError for anything else."""
+    """Return the events of a sample: Events as they are, all events of a Recording. TypeError for anything else."""
     if isinstance(sample, Events):
         return sample
     if isinstance(sample, Recording):
         return sample.read()
-    raise misplaced("Events or a Recording", sample)
+    raise wrong_type("Events or a Recording", sample)
 
 
 def events_inside(sample: object) -> Events:
-    """`as_events`, for kernels that take coordinates as indices; ValueError for events outside their sensor."""
+    """Return `as_events(sample)` for kernels that use coordinates as indices. ValueError for events outside."""
     return check_inside(as_events(sample))
 
 
-def misplaced(wanted: str, given: object) -> TypeError:
-    """The error to raise where a transform or a network is given a wrong type."""
-    return TypeError(f"it takes {wanted}, but was given {_kind(given)}: are the steps in the right order?")
+def wrong_type(wanted: str, given: object) -> TypeError:
+    """Return the error for a wrong type of input of a transform or a network."""
+    return TypeError(f"it takes {wanted}, but was given {_kind(given)}: check the order of the transforms")
 
 
 def _kind(given: object) -> str:

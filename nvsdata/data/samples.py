@@ -1,4 +1,4 @@
-"""What cameras record besides events: frames, samples of an inertial unit, and facts about the camera."""
+"""Other data of event cameras: frames, samples of an inertial unit (IMU), external triggers, metadata."""
 
 from __future__ import annotations
 
@@ -13,12 +13,16 @@ from nvsdata.data.events import EVER, Events
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture of a camera that also records events.
+    """A frame of a camera that also records events.
 
-    - `start`, `end`: times of the frame's first and last data, in µs of the events' clock
-    - `exposure_start`, `exposure_end`: times between which it was exposed, likewise
-    - `x`, `y`: the sensor's pixel that is the frame's upper left one
-    - `pixels` uint16 [height, width]: bright is large
+    Args:
+        start: Time of the frame's first data, in µs of the events' clock.
+        exposure_start: Start of the exposure, in µs.
+        exposure_end: End of the exposure, in µs.
+        end: Time of the frame's last data, in µs.
+        x: Column of the sensor's pixel that is the top left one of the frame.
+        y: Row of that pixel.
+        pixels: uint16 [height, width]; larger is brighter.
     """
 
     start: int
@@ -30,19 +34,19 @@ class Frame:
     pixels: np.ndarray
 
     def shifted(self, time: int) -> Frame:
-        """The frame with `time` µs subtracted from its times."""
+        """Return the frame with `time` µs subtracted from its times."""
         times = {name: getattr(self, name) - time for name in ("start", "exposure_start", "exposure_end", "end")}
         return replace(self, **times)
 
 
 class Inertial(NamedTuple):
-    """Samples of an inertial unit.
+    """Samples of an inertial unit (IMU). Quantities that it doesn't measure are 0.
 
-    - `t` int64 [N]: µs of the events' clock
-    - `acceleration`, `rotation` float32 [N, 3]: g and degrees/s
-    - `temperature` float32 [N]: °C
-
-    Quantities that the unit doesn't measure are 0.
+    Args:
+        t: Times in µs of the events' clock, int64 [N].
+        acceleration: g, float32 [N, 3].
+        rotation: degrees/s, float32 [N, 3].
+        temperature: °C, float32 [N].
     """
 
     t: np.ndarray
@@ -52,34 +56,35 @@ class Inertial(NamedTuple):
 
     @classmethod
     def empty(cls) -> Inertial:
-        """No samples."""
+        """Return no samples."""
         vectors = np.empty((0, 3), np.float32)
         return cls(np.empty(0, np.int64), vectors, vectors, np.empty(0, np.float32))
 
     @classmethod
     def joined(cls, parts: Sequence[Inertial]) -> Inertial:
-        """The samples of all parts, one after the other."""
+        """Concatenate samples."""
         return cls(*map(np.concatenate, zip(*parts, strict=True))) if parts else cls.empty()
 
     def take(self, which: slice | np.ndarray) -> Inertial:
-        """The samples selected by a slice or a boolean mask."""
+        """Return the samples selected by a slice or a boolean mask."""
         return Inertial(*(column[which] for column in self))
 
     def window(self, start: int | None, stop: int | None) -> Inertial:
-        """The samples with start <= t < stop (µs); None is without bound."""
+        """Return the samples with start <= t < stop (µs); None is without bound."""
         return self.take(_during(self.t, start, stop))
 
     def shifted(self, time: int) -> Inertial:
-        """The samples with `time` µs subtracted from their times."""
+        """Return the samples with `time` µs subtracted from their times."""
         return self._replace(t=self.t - time)
 
 
 class Triggers(NamedTuple):
-    """Signals that came to a camera from outside, such as another camera's exposures.
+    """External triggers: edges of signals that a camera received, such as the exposures of another camera.
 
-    - `t` int64 [N]: µs of the events' clock
-    - `channel` uint8 [N]: which input
-    - `level` uint8 [N]: 1 where it rose, 0 where it fell
+    Args:
+        t: Times in µs of the events' clock, int64 [N].
+        channel: Number of the input, uint8 [N].
+        level: 1 for a rising edge, 0 for a falling one, uint8 [N].
     """
 
     t: np.ndarray
@@ -88,20 +93,23 @@ class Triggers(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[Triggers]) -> Triggers:
-        """The triggers of all parts, one after the other."""
+        """Concatenate triggers."""
         none = np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.uint8)
         return cls(*map(np.concatenate, zip(none, *parts, strict=True)))
 
     def window(self, start: int | None, stop: int | None) -> Triggers:
-        """The triggers with start <= t < stop (µs); None is without bound."""
+        """Return the triggers with start <= t < stop (µs); None is without bound."""
         which = _during(self.t, start, stop)
         return Triggers(*(column[which] for column in self))
 
 
 class Piece(Events):
-    """Events together with what else a camera sent: `frames`, `inertial`, and facts about the camera (`about`).
+    """Events together with the other data of a camera, as `nvsdata.write` takes them piece by piece.
 
-    `about` is as in `Recording.about`; in a sequence of pieces, later ones add to it.
+    Attributes:
+        frames: Frames of the same time.
+        inertial: Inertial samples of the same time.
+        about: Metadata as in `Recording.about`; in a sequence of pieces, later ones add to earlier ones.
     """
 
     __slots__ = ("about", "frames", "inertial")
@@ -111,10 +119,10 @@ class Piece(Events):
     about: Mapping[str, Any]
 
     @classmethod
-    def beside(
+    def of_camera(
         cls, events: Events, frames: Sequence[Frame] = (), inertial: Inertial | None = None, about: Any = None
     ) -> Self:
-        """A piece of these events with the other data; columns are shared."""
+        """Return a piece of these events with the other data; the columns aren't copied."""
         piece = cls.__new__(cls)
         for name in Events.__slots__:
             setattr(piece, name, getattr(events, name))
@@ -122,28 +130,28 @@ class Piece(Events):
         return piece
 
     @property
-    def bare(self) -> bool:
-        """Whether the piece holds nothing: neither events nor other data."""
+    def is_empty(self) -> bool:
+        """True if the piece has neither events nor other data."""
         return not (len(self) or len(self.frames) or self.inertial.t.size or self.about)
 
 
 def without_samples(events: Events) -> Events:
-    """The events without other data, for formats that hold nothing else."""
+    """Return the events without other data, for formats that contain only events."""
     return events.of(events.columns) if isinstance(events, Piece) else events
 
 
-def is_bare(events: Events) -> bool:
-    """Whether a piece has nothing to write."""
-    return events.bare if isinstance(events, Piece) else len(events) == 0
+def is_empty(events: Events) -> bool:
+    """Return whether there is nothing to write."""
+    return events.is_empty if isinstance(events, Piece) else len(events) == 0
 
 
 def within(frames: Iterable[Frame], start: int | None, stop: int | None) -> Iterator[Frame]:
-    """The frames whose exposure begins at start <= t < stop (µs); None is without bound."""
+    """Yield the frames whose exposure begins at start <= t < stop (µs); None is without bound."""
     return (frame for frame in frames if _least(start) <= frame.exposure_start < _most(stop))
 
 
 def _during(t: np.ndarray, start: int | None, stop: int | None) -> np.ndarray:
-    """Mask of the times with start <= t < stop (µs); None is without bound."""
+    """Return the mask of the times with start <= t < stop (µs); None is without bound."""
     mask: np.ndarray = (t >= _least(start)) & (t < _most(stop))
     return mask
 

@@ -1,4 +1,4 @@
-"""Recordings seen through a time window or a mapping of their events. Only what is asked for is decoded."""
+"""Views of recordings: a time window, a range of events, or mapped events. Only requested windows are decoded."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class _View(Recording):
-    """A recording that forwards to another one, `whole`."""
+    """Base class: a recording that forwards to another one, `whole`."""
 
     def __init__(self, whole: Recording) -> None:
         self.whole = whole
@@ -71,9 +71,15 @@ class _View(Recording):
 
 
 class Slice(_View):
-    """The events of a recording with start <= t < stop (µs, as in the file).
+    """The events of a recording with start <= t < stop.
 
-    `span` is the part of the slice within the recording's span: the slice's first event may be later, its last earlier.
+    `span` is the intersection of the window and the recording's span. The first event may be later, and the last one
+    earlier.
+
+    Args:
+        whole: The recording.
+        start: µs in the file's clock.
+        stop: µs in the file's clock.
     """
 
     format = "slice"
@@ -116,10 +122,10 @@ class Slice(_View):
         return Events.trusted(events.columns, events.sensor_size, *bounds)
 
 
-class Run(_View):
-    """`count` events of a recording, without the first `skip`; fewer if there are no more."""
+class EventRange(_View):
+    """`count` events of a recording (or as many as there are) after the first `skip` events."""
 
-    format = "run"
+    format = "range"
 
     def __init__(self, whole: Recording, skip: int, count: int) -> None:
         super().__init__(whole)
@@ -136,7 +142,7 @@ class Run(_View):
 
 
 class Mapped(_View):
-    """A recording whose events are mapped by `change`, which must keep them sorted by time."""
+    """A recording whose events are mapped by a function `change`, which must return them sorted by time."""
 
     format = "mapped"
 
@@ -149,7 +155,7 @@ class Mapped(_View):
 
 
 class FlippedY(_View):
-    """A recording whose file counts y from the bottom of the sensor, with y counted from the top."""
+    """A recording with y counted from the top, of a file that counts y from the bottom of the sensor."""
 
     format = "flipped"
 
@@ -160,7 +166,7 @@ class FlippedY(_View):
 
 
 class Scaled(_View):
-    """A recording of events alone whose file counts time in units of `unit` µs, with times in µs."""
+    """A recording with times in µs, of a file that contains only events and counts time in units of `unit` µs."""
 
     format = "scaled"
     holds_samples = holds_triggers = False
@@ -187,7 +193,7 @@ class Scaled(_View):
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
         check_window(start, stop)
-        # rounded up, to the first time that isn't before the bound
+        # rounded up to the first time of the file that isn't before the bound
         events = self.whole.read(*(None if bound is None else -(-bound // self.unit) for bound in (start, stop)))
         columns, end = events.columns._replace(t=events.t * self.unit), events.stated_end
         # the bounds are finer than the file's unit

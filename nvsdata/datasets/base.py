@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 import nvsdata.data.batching  # noqa: F401  registers how samples become batches
 from nvsdata.common.errors import shown
 from nvsdata.data.recording import Recording
-from nvsdata.data.views import Run, Slice
+from nvsdata.data.views import EventRange, Slice
 from nvsdata.datasets.description import notebook_view, nothing_below, plain_name, shape_made_by
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.indexing import PairTransform, Samples, Transform, check_choice
@@ -263,7 +263,7 @@ class EventDataset(Samples):
         found = self.open_recording(sample.name)
         if sample.window is not None:
             found = Slice(found, *sample.window)
-        return found if sample.events is None else Run(found, *sample.events)
+        return found if sample.events is None else EventRange(found, *sample.events)
 
     def open_recording(self, name: str) -> Recording:
         """Return a recording by its path below the root, opened but not decoded, as users see it."""

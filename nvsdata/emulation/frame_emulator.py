@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from nvsdata.common.prefetch import prefetch
-from nvsdata.data.events import Events, together
+from nvsdata.data.events import Events, concatenate_events
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.samples import Piece
 from nvsdata.emulation.state import EmulatorState
@@ -50,7 +50,7 @@ class FrameEmulator(ABC):
             >>> len(nvsdata.PIX2NVS().emulate(frames, fps=25))
             72
         """
-        return together(list(self.stream(video, fps, times=times, size=size)))
+        return concatenate_events(list(self.stream(video, fps, times=times, size=size)))
 
     def stream(
         self,
@@ -109,9 +109,9 @@ def emulate_frames(emulator: FrameEmulator, frames: Iterator[VideoFrame]) -> Ite
     for spikes in chain((state.none(first.time),), steps):
         parts.append(state.events(spikes))
         if spikes.whole:
-            found, parts = parts[0] if len(parts) == 1 else together(parts), []
+            found, parts = parts[0] if len(parts) == 1 else concatenate_events(parts), []
             flaws = state.imperfections
-            yield found if flaws is None else Piece.beside(found, about={"imperfections": dict(flaws.counts)})
+            yield found if flaws is None else Piece.of_camera(found, about={"imperfections": dict(flaws.counts)})
 
 
 class StatefulEmulator:
@@ -181,7 +181,11 @@ class StatefulEmulator:
             raise
         if self._state is None or self._last is None:
             raise ValueError("the video has no frames")
-        return together(parts) if parts else Events.empty(self._state.sensor_size, self._last.time, self._last.time)
+        return (
+            concatenate_events(parts)
+            if parts
+            else Events.empty(self._state.sensor_size, self._last.time, self._last.time)
+        )
 
     def _step(self, frame: VideoFrame) -> Events:
         """Return the events of the next frame."""

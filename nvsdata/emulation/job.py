@@ -103,4 +103,4 @@ def _pieces(job: Job, line: dict[str, Any], progress: Callable[[float], None] | 
         line |= {"status": "truncated", "reason": str(error)}
     if times:
         about = {"emulator": describe_settings(job.settings), "frame_times": np.array(times, np.int64)}
-        yield Piece.beside(Events.empty(piece.sensor_size, piece.end, piece.end), about=about)
+        yield Piece.of_camera(Events.empty(piece.sensor_size, piece.end, piece.end), about=about)

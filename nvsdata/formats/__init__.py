@@ -1,4 +1,4 @@
-"""Files of events: one module per format; a file's format is recognized by content first, by extension second.
+"""Files of events, with one module per format. A format is recognized by content first, and by extension second.
 
 `docs/extending.md` shows how to add one.
 """

@@ -1,7 +1,7 @@
-"""ATIS 40-bit records, `.bin` (N-MNIST, N-Caltech101): no header, five bytes per event.
+"""ATIS, `.bin` (N-MNIST, N-Caltech101): records of 40 bits, without a header.
 
-Byte 0 is x, byte 1 is y, bit 7 of byte 2 is the polarity; the other 23 bits are the time in µs, most significant
-first. A record with y = 240 is not an event: it adds 2^13 µs to every later time. A larger y is damage.
+Byte 0 is x, byte 1 is y, bit 7 of byte 2 is the polarity. The other 23 bits are the time in µs, most significant
+first. A record with y = 240 is not an event: it adds 2^13 µs to all later times. A larger y is damage.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from nvsdata.kernels.decode.atis import (
     atis_walk,
 )
 
-SHORT = 32  # blocks; up to this size, a file is decoded as a whole
-MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
+SHORT = 32  # blocks; a file up to this size is decoded entirely
+MAX_WRITTEN_US = 1 << 33  # a million overflow records; for longer recordings, another format is better
 
 
 class AtisRecording(IndexedFile):
-    """An ATIS `.bin` file. It states no sensor size: the default is the smallest that holds its events."""
+    """An ATIS `.bin` file. It doesn't state a sensor size: the default is the smallest that contains its events."""
 
     format = "atis"
     record_size = 5
     block = 256
-    _extent = (1, 1)  # of its events, as a walk found it
+    _extent = (1, 1)  # width and height that contain the events, found by a pass over all records
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(Contents(path, head), sensor_size, strict)
@@ -53,7 +53,7 @@ class AtisRecording(IndexedFile):
 
     def decode_size(self) -> tuple[int, int]:
         if self.strict and not self._short:
-            # the index has it
+            # computing the index finds the size
             self._blocks = self.blocks
             return self._size or self._extent
         walk = self._walk()[0]
@@ -61,7 +61,7 @@ class AtisRecording(IndexedFile):
 
     @property
     def _short(self) -> bool:
-        """Whether windows are cut from the whole: an index takes as long, because it has to look at every record."""
+        """True if the entire file is decoded for a window; an index would take as long, since it needs every record."""
         return self.records <= SHORT * self.block
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
@@ -71,7 +71,7 @@ class AtisRecording(IndexedFile):
         return None if self._short else super().decode_span()
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The state of `atis_walk` after all records, and each block's time and overflow.
+        """Return the state of `atis_walk` after all records, and the time and overflow of each block.
 
         If `strict`, FormatError for a damaged record.
         """
@@ -85,7 +85,7 @@ class AtisRecording(IndexedFile):
     def _index(self) -> Blocks:
         walk, times, offsets = self._walk()
         self._extent = int(walk[RIGHT]), int(walk[BOTTOM])
-        # not that of an index that proved wrong
+        # the extent of an index that proved wrong must not stay
         self._size = self._given or self._extent
         return Blocks(times, offsets, not walk[FALLS], (int(walk[ATIS_FIRST]), int(walk[ATIS_LAST])))
 
@@ -101,8 +101,8 @@ class AtisRecording(IndexedFile):
         first, last = (int(walk[which]) if some else None for which in (ATIS_FIRST, ATIS_LAST))
         return Entry(int(times[block - before]), offsets[block - before].tolist(), first, last)
 
-    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
-        return {**super()._to_keep(blocks), "extent": np.array(self._extent)}
+    def _to_cache(self, blocks: Blocks) -> dict[str, np.ndarray]:
+        return {**super()._to_cache(blocks), "extent": np.array(self._extent)}
 
     def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
         self._extent = check_sensor_size(kept["extent"].tolist())
@@ -118,10 +118,10 @@ class AtisRecording(IndexedFile):
         self._check_rows(int(state[3]))
 
     def _check_rows(self, damaged: int) -> None:
-        """FormatError if `strict` and `damaged`, the number of a damaged record, is not -1."""
+        """Raise FormatError if `strict`, and if `damaged`, the number of a damaged record, isn't -1."""
         if self.strict and damaged >= 0:
             y = int(self.contents.read(self._byte(damaged), self._byte(damaged + 1))[1])
-            reason = f"y = {y} is damage: events have y below {ATIS_OVERFLOW_Y}; strict=False drops the record"
+            reason = f"y = {y} is damage, because events have y below {ATIS_OVERFLOW_Y}; strict=False drops the record"
             raise FormatError(self.path, reason, offset=self._byte(damaged))
 
     def decode(self) -> Columns:
@@ -138,7 +138,7 @@ class AtisRecording(IndexedFile):
 
 
 def looks_like(head: bytes, size: int) -> bool:
-    """Whether a file of `size` bytes that begins with `head` could be ATIS: whole records, times that never fall."""
+    """Return whether a file of `size` bytes that begins with `head` could be ATIS: entire records, rising times."""
     raw = np.frombuffer(head[: 5 * 256], np.uint8)
     if size % 5 or raw.size < 5 * 16:
         return False
@@ -153,9 +153,9 @@ def write(pieces: Pieces, path: Path) -> None:
     with path.open("wb") as file:
         for events in pieces:
             if events.x.max() > 255 or events.y.max() >= ATIS_OVERFLOW_Y:
-                raise ValueError("ATIS .bin holds x up to 255 and y up to 239 only")
+                raise ValueError("ATIS .bin supports x up to 255 and y up to 239 only")
             if events.t[0] < 0 or events.t[-1] >= MAX_WRITTEN_US:
-                raise ValueError(f"ATIS .bin holds times from 0 to {MAX_WRITTEN_US - 1} µs only")
+                raise ValueError(f"ATIS .bin supports times from 0 to {MAX_WRITTEN_US - 1} µs only")
             raw, offset = atis_encode(*events.columns, offset)
             file.write(raw.data)
 

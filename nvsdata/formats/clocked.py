@@ -1,4 +1,4 @@
-"""Records with times from a 32-bit counter of µs: what `.dat` and AEDAT 1 and 2 share."""
+"""Base class of `.dat` and AEDAT 1 and 2: records with times from a 32-bit counter of µs, which wraps."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from nvsdata.kernels.decode.clock import (
 
 
 class ClockedFile(PiecedFile):
-    """Records whose wrapped times are resolved by the record before; see `kernels.decode.clock`.
+    """Records with wrapped times, each resolved by the record before it; see `kernels.decode.clock`.
 
-    The index looks at only the first records of each block. Whatever makes it differ from the whole file is found when
-    the whole is read, and is a FormatError: a step back that no camera makes, an event displaced by more than a block,
-    or a block of more than 35 minutes that begins with a burst and seems to last less than `SOON_US`.
+    The index uses only the first records of each block. Three things make it wrong: a step back that no camera makes,
+    an event displaced by more than a block, and a block of more than 35 minutes that begins with a burst and seems to
+    last less than `SOON_US`. They are found when the entire file is read, and are a FormatError.
     """
 
     block = 4096
-    _keep: np.ndarray | None = None  # which records are read, if not all
+    _keep: np.ndarray | None = None  # mask of the records that are read; None for all
 
     @abstractmethod
     def _times(self, raw: np.ndarray) -> np.ndarray:
-        """The counter values of some records, uint32 [N]."""
+        """Return the counter values of some records, uint32 [N]."""
 
     def _index(self) -> Blocks:
         if not self.records:
@@ -72,14 +72,14 @@ class ClockedFile(PiecedFile):
             raise self._jump()
 
     def _jump(self) -> FormatError:
-        """The error to raise for times that no camera writes."""
+        """Return the error for times that no camera writes."""
         kept = self._kept()
         damaged = f"{kept.size - np.count_nonzero(kept)} of {kept.size} records are damaged"
         reason = f"a time that no camera writes: {damaged}, or the clock was set back; strict=False drops them"
         return FormatError(self.path, reason, offset=self._byte(int(np.argmin(kept))))
 
     def _kept(self) -> np.ndarray:
-        """Mask of the records of a damaged file to keep: as many as a camera may have written together."""
+        """Return the mask of the records of a damaged file to keep: the largest set that a camera may have written."""
         times = [self._times(raw).astype(np.int64) for raw in super()._pieces(0, self.records)]
         kept: np.ndarray = kept_words(np.concatenate(times), 32, BACK_US, SILENT_US)
         return kept
@@ -102,7 +102,7 @@ class ClockedFile(PiecedFile):
         return columns
 
     def _drops(self, state: np.ndarray) -> bool:
-        """Whether records are dropped from now on, because the whole file, which ended with `state`, proved damaged."""
+        """Return whether records are dropped from now on, because `state`, after the last record, shows damage."""
         if self.strict or state[JUMP] < 0 or self._keep is not None:
             return False
         self._keep = self._kept()
@@ -110,7 +110,7 @@ class ClockedFile(PiecedFile):
         return True
 
     def _timed(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Bytes of all records and their times (µs, int64), piece by piece; damage is treated as `decode` does."""
+        """Yield bytes and times (µs, int64) of all records, piece by piece; damage is treated as in `decode`."""
         if not self.strict and self._keep is None:
             clock = clock_at(UNKNOWN, 0)
             for _ in self._clocked(clock):
@@ -123,14 +123,14 @@ class ClockedFile(PiecedFile):
             yield raw, t
 
     def _clocked(self, clock: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Bytes of all records and their times, piece by piece; `clock` is advanced."""
+        """Yield bytes and times of all records, piece by piece; `clock` is advanced."""
         for raw in self._pieces(0, self.records):
             t = self._times(raw).astype(np.int64)
             unwrap(clock, t, self.block)
             yield raw, t
 
     def _check_index(self, state: np.ndarray) -> None:
-        """FormatError if windows, which rely on the index, would miss events; `state` is that after the whole file."""
+        """Raise FormatError if windows would miss events because of the index; `state` is the final one."""
         if state[HIDDEN] >= 0:
             reason = f"{self.block} records over more than 35 minutes: a window could not determine their times"
             raise FormatError(self.path, reason, offset=self._byte(int(state[HIDDEN])))
@@ -146,15 +146,15 @@ class ClockedFile(PiecedFile):
 
 
 def _steps(times: np.ndarray) -> np.ndarray:
-    """Differences between a counter's successive values along the last axis, at most half a wrap either way."""
+    """Return the differences between successive counter values along the last axis, at most half a wrap either way."""
     steps: np.ndarray = (np.diff(times) + WRAP_US // 2) % WRAP_US - WRAP_US // 2
     return steps
 
 
 def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Events]:
-    """The pieces; ValueError for times that a reader could not unwrap.
+    """Yield the pieces. ValueError for times that a reader couldn't unwrap.
 
-    These are: a first time below 0 or of 2^32 - 1 µs or more, a gap of 2^31 µs or more, and a gap across a wrap that is
+    These are a first time below 0 or of 2^32 - 1 µs or more, a gap of 2^31 µs or more, and a gap across a wrap that is
     longer than `SILENT_US`.
     """
     last = None
@@ -165,6 +165,6 @@ def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Event
         wraps = t[long] // WRAP_US != (t[long] - gaps[long]) // WRAP_US
         if t[0] < 0 or (last is None and t[0] >= WRAP_US - 1) or wraps.any() or gaps.max() >= WRAP_US // 2:
             over = f"of at most {SILENT_US // 60_000_000} minutes where its counter wraps"
-            raise ValueError(f"{name} holds a first time below 2^32 - 1 µs and gaps below 2^31 µs only, {over}")
+            raise ValueError(f"{name} supports a first time in [0, 2^32 - 1) µs and gaps below 2^31 µs only, {over}")
         last = t[-1]
         yield events

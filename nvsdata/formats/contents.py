@@ -1,4 +1,4 @@
-"""The bytes of a recording, read only when they are decoded."""
+"""Contents of files: bytes that are read only when they are decoded, headers, and the limit of decompression."""
 
 from __future__ import annotations
 
@@ -21,21 +21,23 @@ except ImportError:  # a platform for which isal has no wheel
 
 fast_zlib = _zlib
 PIECE = 1 << 20  # bytes that are read and decoded at a time
-_ROOMS: list[np.ndarray] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
-HEAD = 1 << 16  # bytes that are read to recognize the format; fewer mean that it is the whole file
-MOST_HEADER = 1 << 22  # bytes of lines at the start; jAER writes some 100 kB of them
-LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends with such a line, whatever follows
-# an AEDAT record may begin with the mark by chance; Prophesee's rarely do, but their headers may be non-ASCII
+_BUFFERS: list[
+    np.ndarray
+] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
+HEAD = 1 << 16  # bytes that are read to recognize the format; fewer bytes are the entire file
+MOST_HEADER = 1 << 22  # bytes of header lines; jAER writes some 100 kB
+LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # lines that end a header
+# AEDAT records may begin with the mark by chance; Prophesee's rarely do, but their headers may contain non-ASCII text
 _PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
 ALWAYS = 1 << 26  # bytes that any file may expand to
-RATIO = 100  # times its size that a larger file may expand to; events compress to a third or a tenth
+RATIO = 100  # a larger file may expand to this many times its size; events compress to a third or a tenth
 
 
 class Contents:
-    """The bytes of a file that begins with `head`: `head` itself if the file is short, else read on demand.
+    """The bytes of a file that begins with `head`: `head` itself if the file is short, otherwise read on demand.
 
-    No file stays open or mapped. `size` is the file's size when this object was made; every method that reads raises
-    FormatError if the file was cut or changed since.
+    No file stays open or mapped. `size` is the file's size at the creation of this object. Every method that reads
+    raises FormatError if the file was truncated or changed since then.
     """
 
     def __init__(self, path: str, head: bytes) -> None:
@@ -46,16 +48,16 @@ class Contents:
 
     @property
     def stamp(self) -> tuple[int, ...] | None:
-        """Numbers that change with the file, its size first (see `OnDisk.stamp`); None if `head` is the whole file."""
+        """Numbers that change with the file, its size first (see `OnDisk.stamp`); None if `head` is the entire file."""
         return None if self._file is None else self._file.stamp
 
-    def let_go(self) -> None:
-        """Forget the head unless it is the whole file: the heads of many recordings would add up."""
+    def drop_head(self) -> None:
+        """Free the head unless it is the entire file: the heads of many recordings would take much memory."""
         if self._file is not None:
             self.head = b""
 
     def read(self, start: int, stop: int) -> np.ndarray:
-        """Bytes start..stop, uint8 and read-only."""
+        """Return bytes start..stop, uint8 and read-only."""
         if stop <= len(self.head):
             return np.frombuffer(self.head, np.uint8, stop - start, start)
         out = np.empty(stop - start, np.uint8)
@@ -67,11 +69,11 @@ class Contents:
         return out
 
     def pieces(self, start: int, stop: int, step: int) -> Iterator[np.ndarray]:
-        """Bytes start..stop in pieces of `step`, as `ranges` gives them."""
+        """Yield bytes start..stop in pieces of `step`, as `ranges` does."""
         return self.ranges([(at, min(at + step, stop)) for at in range(start, stop, step)])
 
     def ranges(self, ranges: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
-        """The bytes of each range (start, stop), uint8 and read-only; each array is overwritten by the next."""
+        """Yield the bytes of each range (start, stop), uint8 and read-only; each array is overwritten by the next."""
         if max((stop for _, stop in ranges), default=0) <= len(self.head):
             return iter([np.frombuffer(self.head, np.uint8, stop - start, start) for start, stop in ranges])
         return self._from_disk(ranges)
@@ -80,23 +82,23 @@ class Contents:
         assert self._file is not None
         longest = max(stop - start for start, stop in ranges)
         try:
-            room = _ROOMS.pop() if longest <= PIECE else np.empty(longest, np.uint8)
+            buffer = _BUFFERS.pop() if longest <= PIECE else np.empty(longest, np.uint8)
         except IndexError:
-            room = np.empty(PIECE, np.uint8)
-        shown = room.view()
-        shown.flags.writeable = False
+            buffer = np.empty(PIECE, np.uint8)
+        view = buffer.view()
+        view.flags.writeable = False
         try:
             with self._file.opened() as file:
                 for start, stop in ranges:
-                    file.fill(start, room[: stop - start])
-                    yield shown[: stop - start]
+                    file.fill(start, buffer[: stop - start])
+                    yield view[: stop - start]
         finally:
             if longest <= PIECE:
-                _ROOMS.append(room)
+                _BUFFERS.append(buffer)
 
     @contextmanager
     def handle(self) -> Iterator[int]:
-        """A descriptor of the file, open while the block runs; -1 if `head` is the whole file."""
+        """Open the file while the block runs, and yield its descriptor; -1 if `head` is the entire file."""
         if self._file is None:
             yield -1
         else:
@@ -104,7 +106,7 @@ class Contents:
                 yield file.descriptor
 
     def samples(self, start: int, stop: int, step: int, size: int) -> np.ndarray:
-        """The `size` bytes at start, start + step, ... before `stop`, uint8 [N, size]."""
+        """Return the `size` bytes at start, start + step, ... before `stop`, uint8 [N, size]."""
         out = np.empty((len(range(start, stop, step)), size), np.uint8)
         if not len(out):
             return out
@@ -123,27 +125,27 @@ class Contents:
         return out
 
     def header(self, mark: bytes) -> tuple[list[str], int]:
-        """The lines at the start that begin with `mark` and are printable, and the byte after them.
+        """Return the printable lines at the start that begin with `mark`, and the offset of the byte after them.
 
-        FormatError if they take much more than `MOST_HEADER` bytes, or if the file ends within one.
+        FormatError if they take much more than `MOST_HEADER` bytes, or if the file ends within a line.
         """
         lines, end, torn = header_lines(self.head, mark)
         size = len(self.head)
         while torn and size < self.size:
             if size >= MOST_HEADER:
-                raise FormatError(self.path, f"a header of more than {MOST_HEADER} bytes", offset=0)
-            # jAER puts its preferences into the header, which can then be longer than `head`
+                raise FormatError(self.path, f"the header has more than {MOST_HEADER} bytes", offset=0)
+            # jAER writes its preferences into the header, which can make it longer than `head`
             begin, size = end, min(4 * size, self.size)
             more, end, torn = header_lines(self.read(begin, size).tobytes(), mark)
             lines, end = lines + more, begin + end
         if torn and end < self.size:
-            # the text of half a line would be taken for events
+            # the rest of a line would be decoded as events
             raise FormatError(self.path, "cut off within a line of its header", offset=end)
         return lines, end
 
 
 def header_lines(data: bytes, mark: bytes) -> tuple[list[str], int, bool]:
-    """The lines at the start, the byte after them, and whether `data` end where a header may go on."""
+    """Return the lines at the start, the offset after them, and whether `data` end where the header may continue."""
     lines: list[str] = []
     end = 0
     while data[end : end + len(mark)] == mark:
@@ -161,14 +163,15 @@ def header_lines(data: bytes, mark: bytes) -> tuple[list[str], int, bool]:
 
 
 def most_bytes(size: int) -> int:
-    """The most bytes that a compressed file of `size` bytes is allowed to hold."""
+    """Return the number of bytes that a compressed file of `size` bytes may expand to. More is damage, or an attack."""
     return max(ALWAYS, RATIO * size)
 
 
 class Allowance:
-    """Bytes to which the compressed parts of a file of `size` bytes may still inflate, one after the other.
+    """The number of bytes to which the compressed parts of a file of `size` bytes may expand, all parts together.
 
-    - `left`: bytes, of those that `most_bytes` allows for all parts together
+    Attributes:
+        left: Bytes that are left of `most_bytes(size)`.
     """
 
     def __init__(self, size: int) -> None:
@@ -176,16 +179,16 @@ class Allowance:
         self.left = most_bytes(size)
 
     def of(self, size: int) -> int:
-        """The most bytes that a part of `size` bytes is allowed to hold."""
+        """Return the number of bytes that a part of `size` bytes may expand to."""
         return min(self.left, most_bytes(size))
 
     def take(self, count: int) -> None:
-        """Subtract `count` bytes. ValueError if there aren't as many left."""
+        """Subtract `count` bytes. ValueError if fewer are left."""
         if count > self.left:
-            raise ValueError(f"inflates too far: {self.reason}")
+            raise ValueError(f"expands too far: {self.reason}")
         self.left -= count
 
     @property
     def reason(self) -> str:
         """The limit, as errors state it."""
-        return f"a file of {self.size} bytes is taken to hold {most_bytes(self.size)} at most"
+        return f"a file of {self.size} bytes may expand to {most_bytes(self.size)} at most"

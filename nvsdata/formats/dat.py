@@ -1,8 +1,8 @@
 """Prophesee `.dat` (N-CARS): lines that begin with `% `, two bytes, then eight bytes per event.
 
-The header may state Version, Width and Height. A record is a little-endian uint32 time in µs
-(it wraps at 2^32) and a uint32 address: version 2 has x in bits 0-13, y in 14-27, polarity (0 or 1) in 28-31;
-version 1 has x in bits 0-8, y in 9-16, polarity in 17.
+The header may state Version, Width and Height. A record is a little-endian uint32 time in µs, which wraps at 2^32, and
+a uint32 address. In version 2, x is in bits 0-13, y in 14-27, polarity (0 or 1) in 28-31. In version 1, x is in bits
+0-8, y in 9-16, polarity in 17.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.clock import WRAP_US
 from nvsdata.kernels.decode.dat import dat_decode
 
@@ -35,7 +35,7 @@ class DatRecording(ClockedFile):
         contents = Contents(path, head)
         lines, end = contents.header(b"%")
         if contents.size < end + 2:
-            raise FormatError(path, "truncated: the header has no event type and size after it", offset=contents.size)
+            raise FormatError(path, "truncated: no event type and size follow the header", offset=contents.size)
         kind, size = contents.read(end, end + 2).tolist()
         if kind not in (0x00, 0x0C) or size != 8:
             raise FormatError(
@@ -46,7 +46,7 @@ class DatRecording(ClockedFile):
         self.version = 1 if numbers.get("version", "1") in ("0", "1") else 2
         if self._size is None and "width" in numbers and "height" in numbers:
             self._size = stated_size(path, numbers["width"], numbers["height"])
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
 
     def _times(self, raw: np.ndarray) -> np.ndarray:
         return raw.view("<u4")[::2]
@@ -57,15 +57,15 @@ class DatRecording(ClockedFile):
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write version 2 records, type 0x0C. ValueError for a pixel beyond 16383, or times that a reader couldn't unwrap.
+    """Write version 2 records, type 0x0C.
 
-    The first time must lie in [0, 2^32 - 1) µs; gaps must be shorter than 2^31 µs, and at most five minutes where the
-    32 bits wrap.
+    ValueError for coordinates above 16383, and for times that a reader couldn't unwrap: the first time must be in
+    [0, 2^32 - 1) µs, and gaps must be shorter than 2^31 µs, and at most five minutes where the 32 bits wrap.
     """
     width, height = pieces.sensor_size
     if max(width, height) > MAX_ADDRESS + 1:
-        raise ValueError("Prophesee .dat holds coordinates up to 16383 only")
-    with headed(path, pieces, _header) as file:
+        raise ValueError("Prophesee .dat supports coordinates up to 16383 only")
+    with file_with_header(path, pieces, _header) as file:
         for events in with_times_of_32_bits(pieces, "Prophesee .dat"):
             words = np.empty((len(events), 2), "<u4")
             words[:, 0] = (events.t % WRAP_US).astype(np.uint32)

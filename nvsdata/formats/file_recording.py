@@ -1,4 +1,4 @@
-"""A recording in its own file: what all formats share."""
+"""`FileRecording`, the base class of all formats, and conversions of columns that several formats use."""
 
 from __future__ import annotations
 
@@ -25,30 +25,28 @@ from nvsdata.data.pieces import in_pieces, in_windows
 from nvsdata.data.recording import Recording, anomalies_of
 from nvsdata.kernels.decode.order import is_sorted
 
-LONG, PART = 1 << 26, 1 << 24  # bytes of files that are handed out in parts, and of a part, if they were equal
+LONG, PART = 1 << 26, 1 << 24  # bytes from which `pieces` splits a file into parts, and the mean bytes of a part
 
 
 class FileRecording(Recording):
-    """A file that is opened but not decoded; `read` decodes the window that is asked for.
+    """A file that is opened but not decoded; `read` decodes only the requested window.
 
-    - `path`: the file
-    - `sensor_size`: (width, height) in pixels, in place of what the file states; default None
-    - `strict`: whether damage is a FormatError; default True. Otherwise what can't be decoded is left out, and
-      `repairs` counts it
+    A format is a subclass. It must define `decode`. It defines `decode_window`, `decode_span` and `decode_size` if it
+    needn't decode the entire file for them. It sets `_size` (the sensor size that the file states, unless one was
+    given), `_begins` and `_ends` (the first and last moment in µs that the file states), and `_rises` (True if the
+    times of the last decoding never fall). It raises FormatError for damage if `strict`. Otherwise it leaves out
+    damaged parts, and counts them by `_repair`.
 
-    A format is a subclass. It must define `decode`; it defines `decode_window`, `decode_span` and `decode_size` where
-    it can do better than to decode the whole file. It sets
-
-    - `_size`: the sensor size that the file states, unless one was given
-    - `_begins`, `_ends`: the first and last moment that the file states, in µs (`Events.start` and `end`)
-    - `_rises`: True if it saw that times never fall
-
-    It raises FormatError for damage if `strict`, and otherwise counts what it leaves out by `_repair`.
+    Args:
+        path: The file.
+        sensor_size: (width, height) in pixels, in place of the size that the file states (default None).
+        strict: Whether damage is a FormatError (default True). Otherwise what can't be decoded is left out, and
+            counted in `repairs`.
     """
 
     _begins: int | None = None
     _ends: int | None = None
-    _rises = False  # whether what was decoded last is known to be in order of time
+    _rises = False  # whether the events that were decoded last are known to be in order of time
 
     def __init__(
         self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None, strict: bool = True
@@ -61,7 +59,7 @@ class FileRecording(Recording):
 
     @property
     def sensor_size(self) -> tuple[int, int]:
-        """(width, height) in pixels: as given, else as the file states, else the smallest that holds its events."""
+        """(width, height) in pixels: as given, as the file states, or the smallest that contains its events."""
         if self._size is None:
             self._size = self.decode_size()
         return self._size
@@ -71,20 +69,20 @@ class FileRecording(Recording):
         """Decode all events, in file order."""
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Events with start <= t < stop (µs) if they can be decoded without the rest, else None."""
+        """Decode the events with start <= t < stop (µs), or return None if that needs the entire file."""
         return None
 
     def decode_span(self) -> tuple[int, int] | None:
-        """First and last time in µs if they can be found without decoding everything, else None."""
+        """Return the first and last time in µs, or None if that needs the entire file."""
         return None
 
     @property
     def certainly_rises(self) -> bool:
-        """Whether all times were looked at and never fall, so that windows one after the other are the whole."""
+        """True if all times were checked and never fall, so that consecutive windows contain all events."""
         return False
 
     def decode_size(self) -> tuple[int, int]:
-        """The smallest sensor that holds the events; called if neither the file nor the caller states a size."""
+        """Return the smallest sensor that contains the events; called if neither file nor caller states a size."""
         return extent(self.decode())
 
     @property
@@ -107,19 +105,19 @@ class FileRecording(Recording):
         if self._whole is None:
             known = self._size is not None
             columns = self.decode_window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
-            # if the file was changed since its index was made, a window may be anything
+            # if the file was changed since its index was made, the window may be wrong
             if columns is not None and is_sorted(columns.t):
-                columns, size = self._sound(columns), self.sensor_size
+                columns, size = self._repaired(columns), self.sensor_size
                 columns = columns if known else Columns(*self._inside(columns))
                 return Events.trusted(columns, size, *bounds_of(start, stop, self._begins, self._ends))
             self._whole = self._all()
         return self._whole.window(start, stop)
 
     def _all(self) -> Events:
-        """All events."""
+        """Return all events."""
         if self._whole is not None:
             return self._whole
-        columns = self._sound(self.decode())
+        columns = self._repaired(self.decode())
         if not self._rises:
             columns = sort_by_time(columns)
         if self._size is None:
@@ -128,19 +126,19 @@ class FileRecording(Recording):
             self._check_time(int(columns.t[0]), int(columns.t[-1]))
         return Events.trusted(columns, self._size, self._begins, self._ends)
 
-    def _lasts(self, time: tuple[int, int] | None) -> None:
-        """Note the first and last moment in µs that a file states; None if it states none."""
+    def _state_times(self, time: tuple[int, int] | None) -> None:
+        """Store the first and last moment in µs that the file states; None if it states none."""
         if time is None:
             return
         if -LATEST < time[0] <= time[1] < LATEST:
             self._begins, self._ends = time
         elif self.strict:
-            raise FormatError(self.path, f"states that it lasts from {time[0]} to {time[1]} µs")
+            raise FormatError(self.path, f"states invalid times of start and end: {time[0]} to {time[1]} µs")
         else:
-            self._repair("times of beginning and end that make no sense, left out", 1)
+            self._repair("invalid times of start and end, left out", 1)
 
     def _check_time(self, first: int, last: int) -> None:
-        """Check that the time range that the file states holds its first and last event."""
+        """Check that the time range that the file states contains its first and last event."""
         assert self._begins is not None
         assert self._ends is not None
         if self._begins <= first and last <= self._ends:
@@ -148,7 +146,7 @@ class FileRecording(Recording):
         if self.strict:
             stated = f"{self._begins} to {self._ends} µs"
             raise FormatError(self.path, f"events at {first} to {last} µs, outside the time it states: {stated}")
-        self._repair("times of beginning and end that don't hold the events, left out", 1)
+        self._repair("times of start and end that don't contain the events, left out", 1)
         self._begins = self._ends = None
 
     @property
@@ -169,8 +167,8 @@ class FileRecording(Recording):
             return in_windows(self, -(-size // PART))
         return iter((self.read(),))
 
-    def _sound(self, columns: Columns) -> Columns:
-        """The columns as they are or, if not `strict`, without values that Events can't hold."""
+    def _repaired(self, columns: Columns) -> Columns:
+        """Return the columns as they are or, if not `strict`, without values that Events don't support."""
         if self.strict:
             return columns
         columns = Columns(*self._inside(columns))
@@ -179,17 +177,17 @@ class FileRecording(Recording):
 
     @property
     def _limits(self) -> tuple[int, int]:
-        """Width and height that coordinates must stay below."""
+        """Width and height that coordinates must be below."""
         return self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
 
     def _inside(self, columns: Sequence[np.ndarray], first: int = 0) -> Sequence[np.ndarray]:
-        """Columns t, x, y, p of any type, without events outside the sensor or with a polarity other than 0 and 1.
+        """Return columns t, x, y, p without events outside the sensor or with a polarity other than 0 and 1.
 
         If `strict`, FormatError for such an event; its number counts from `first`.
         """
         _, x, y, p = columns
         width, height = self._limits
-        # the largest values show whether any event needs a closer look
+        # the largest values show whether any event is outside
         if all(c.size == 0 or _unsigned(c).max() < end for c, end in ((x, width), (y, height), (p, 2))):
             return columns
         bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
@@ -200,7 +198,7 @@ class FileRecording(Recording):
         return [column[~bad] for column in columns]
 
     def _repair(self, what: str, count: int) -> None:
-        """Note what was left out or corrected; `repairs` keeps the latest count that isn't 0."""
+        """Count what was left out or corrected; `repairs` has the latest count that isn't 0."""
         if count:
             self.repairs[what] = count
 
@@ -209,27 +207,27 @@ class FileRecording(Recording):
 
 
 def _unsigned(column: np.ndarray) -> np.ndarray:
-    """The same integers viewed as unsigned, so that negative ones are larger than all others."""
+    """View integers as unsigned, so that negative ones are larger than all others."""
     return column.view(column.dtype.str.replace("i", "u")) if column.dtype.kind == "i" else column
 
 
-def integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
-    """A column of any numeric type as integers; integers keep their type.
+def as_integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
+    """Convert a column of any numeric type to integers; integers keep their type.
 
     FormatError, which names the column as `name`, for fractions, NaN, and numbers at or beyond 2^62.
     """
     if column.dtype.kind == "b":
         return column.astype(np.uint8)
     if column.dtype.kind == "f":
-        # NaN fails the comparison, too
+        # NaN fails the comparison
         if not ((np.abs(column) < LATEST) & (column == np.rint(column))).all():
-            raise FormatError(path, f"{name} holds numbers that aren't whole, or beyond 2^62")
+            raise FormatError(path, f"{name} has numbers that aren't whole, or beyond 2^62")
         return column.astype(np.int64)
     if column.dtype.itemsize == 8 and column.size and not -LATEST < column.min() <= column.max() < LATEST:
-        raise FormatError(path, f"{name} holds numbers beyond 2^62")
+        raise FormatError(path, f"{name} has numbers beyond 2^62")
     return column
 
 
-def polarity(column: np.ndarray) -> np.ndarray:
-    """Polarity as 0 and 1, where OFF may be -1."""
+def as_polarity(column: np.ndarray) -> np.ndarray:
+    """Convert polarity to 0 and 1; OFF may be -1."""
     return np.where(column == -1, 0, column) if column.dtype.kind == "i" else column

@@ -1,4 +1,4 @@
-"""Files of records whose index takes a pass over the entire file, and is kept next to it."""
+"""Files of records whose index needs a pass over the entire file, and is cached next to it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from nvsdata.data.events import Columns
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 from nvsdata.formats.records import Blocks, PiecedFile
 from nvsdata.kernels.decode.order import is_sorted
 
 
 class Entry(NamedTuple):
-    """What a few records say about a block of a kept index.
+    """The entry of one block in an index, computed from the records of that block and the one before it.
 
-    - `time`, `state`: its entry in `Blocks.times` and `Blocks.states`
-    - `first`, `last`: times of the first and the last event of these records, None if they have none
+    Args:
+        time: Entry in `Blocks.times`.
+        state: Entry in `Blocks.states`.
+        first: Time of the first event of these records; None if they have none.
+        last: Time of their last event.
     """
 
     time: int
@@ -27,58 +30,58 @@ class Entry(NamedTuple):
 
 
 class IndexedFile(PiecedFile):
-    """A file whose index is kept, if the file is large, and compared with it where it is used.
+    """A file whose index is cached if the file is large.
 
-    Some entries are compared when the index is restored, and those at the ends of each window when it is decoded. An
-    index that differs is made again.
+    Some entries of a cached index are compared with the file when the index is loaded, and those at the ends of each
+    window when the window is decoded. If an entry differs, the index is computed again.
     """
 
-    _unproven: set[int] | None = None  # blocks of a kept index whose entries weren't compared with the file yet
+    _unchecked: set[int] | None = None  # blocks of a cached index whose entries weren't compared with the file yet
 
     @property
     def blocks(self) -> Blocks:
-        """The index: built at its first use, or kept from an earlier one."""
+        """The index, from the cache or computed at its first use."""
         if self._blocks is None:
-            self._blocks = self._kept() or self._made()
+            self._blocks = self._cached() or self._computed()
         return self._blocks
 
-    def _kept(self) -> Blocks | None:
-        """The index kept next to the file; None if there is none of this file."""
-        if not self._keeps:
+    def _cached(self) -> Blocks | None:
+        """Return the cached index; None if there is none of this file."""
+        if not self._caches:
             return None
-        # an entry of an index takes less than the records that it stands for
-        kept = kept_index.restore(self.path, self._about, self.contents.size)
+        # the index is smaller than the file
+        kept = index_cache.load_index(self.path, self._about, self.contents.size)
         try:
             return None if kept is None else self._compared(self._restored(kept))
         except (KeyError, ValueError, TypeError, OverflowError):
             return None
 
-    def _made(self) -> Blocks:
-        """A new index, which is kept next to the file."""
-        self._unproven = None
+    def _computed(self) -> Blocks:
+        """Compute the index, and cache it."""
+        self._unchecked = None
         blocks = self._index()
         stamp = self.contents.stamp
-        if self._keeps and stamp is not None:
-            kept_index.keep(self.path, self._about, max(stamp[1:3]), self._to_keep(blocks))
+        if self._caches and stamp is not None:
+            index_cache.save_index(self.path, self._about, max(stamp[1:3]), self._to_cache(blocks))
         return blocks
 
     @property
-    def _keeps(self) -> bool:
+    def _caches(self) -> bool:
         stamp = self.contents.stamp
-        return self.strict and stamp is not None and stamp[0] >= kept_index.LEAST
+        return self.strict and stamp is not None and stamp[0] >= index_cache.LEAST
 
     @property
     def _about(self) -> dict[str, object]:
-        """What a kept index says of the file that it belongs to."""
+        """Description of the file that an index belongs to."""
         size, *stamp = self.contents.stamp or ()
         return {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
 
-    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
-        """What is kept of an index."""
+    def _to_cache(self, blocks: Blocks) -> dict[str, np.ndarray]:
+        """Return the arrays of an index that are cached."""
         return {name: np.asarray(value) for name, value in blocks._asdict().items()}
 
     def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
-        """The index that was kept. KeyError, ValueError or TypeError if it isn't one of this file."""
+        """Return the index of cached arrays. KeyError, ValueError or TypeError if it isn't one of this file."""
         first, last = map(int, kept["span"].tolist())
         times, states = kept["times"], kept["states"]
         count = -(-self.records // self.block)
@@ -90,15 +93,15 @@ class IndexedFile(PiecedFile):
         return Blocks(times, states, ordered, (first, last))
 
     def _compared(self, blocks: Blocks) -> Blocks:
-        """A kept index, after some of its entries were compared with the file. ValueError if one differs."""
-        self._unproven = set(range(len(blocks.times)))
-        for block in kept_index.some_of(len(blocks.times)).tolist():
+        """Compare some entries of a cached index with the file, and return it. ValueError if one differs."""
+        self._unchecked = set(range(len(blocks.times)))
+        for block in index_cache.entries_to_compare(len(blocks.times)).tolist():
             self._compare(blocks, block)
         return blocks
 
     def _compare(self, blocks: Blocks, block: int) -> None:
-        """Compare an entry of a kept index with the records before and behind it. ValueError if it differs."""
-        if self._unproven is None or block not in self._unproven:
+        """Compare an entry of a cached index with the records around it. ValueError if it differs."""
+        if self._unchecked is None or block not in self._unchecked:
             return
         found = self._entry(blocks, block)
         fits = found.time == blocks.times[block] and found.state == blocks.states[block].tolist()
@@ -106,18 +109,18 @@ class IndexedFile(PiecedFile):
         fits &= block < len(blocks.times) - 1 or found.last in (None, blocks.span[1])
         if not fits:
             raise ValueError("an index of another file")
-        self._unproven.discard(block)
+        self._unchecked.discard(block)
 
     @abstractmethod
     def _entry(self, blocks: Blocks, block: int) -> Entry:
-        """The entry of a block, as the records of the block before it and its own give it."""
+        """Return the entry of a block, computed from the records of the block before it and of its own."""
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        if self.strict and self.blocks.ordered and self._unproven:
+        if self.strict and self.blocks.ordered and self._unchecked:
             try:
-                # events before the one and from the other on are left out
+                # the window has no events before the first and after the last of these blocks
                 for block in self._touched(start, stop):
                     self._compare(self.blocks, block)
             except ValueError:
-                self._blocks = self._made()
+                self._blocks = self._computed()
         return super().decode_window(start, stop)

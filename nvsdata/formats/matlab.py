@@ -1,8 +1,8 @@
 """MATLAB `.mat`, v5 and v7.3: columns `ts`, `x`, `y`, `pol` (ASL-DVS, UCF101-DVS, ASLAN-DVS).
 
-v5 is a sequence of tagged elements, each usually compressed separately by zlib; v7.3 is HDF5. Columns may
-be of any numeric type and may be fields of a struct; polarity may be 0/1 or -1/1. Coordinates that count
-from 1 are recognized by a value that equals the sensor's width or height, and are shifted.
+v5 is a sequence of tagged elements, which are usually compressed one by one with zlib; v7.3 is HDF5. Columns may be of
+any numeric type, and may be fields of a struct. Polarity may be 0/1 or -1/1. Coordinates that count from 1 are
+recognized by a value that equals the sensor's width or height, and are shifted.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.formats.contents import Allowance, Contents, fast_zlib, most_bytes
-from nvsdata.formats.file_recording import FileRecording, integers, polarity
+from nvsdata.formats.file_recording import FileRecording, as_integers, as_polarity
 from nvsdata.formats.registry import Format
 
 NAMES = {"t": ("ts", "t"), "x": ("x",), "y": ("y",), "p": ("pol", "p")}
@@ -26,12 +26,12 @@ COMPRESSED, MATRIX = 15, 14
 _CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 NUMBERS = {kind: np.dtype(f"<{code}") for kind, code in _CODES.items()}
 NUMERIC_CLASSES = range(6, 16)  # double, single and the integer types
-MOST_FIELDS = 4096  # that a struct may have
+MOST_FIELDS = 4096  # fields of a struct
 _TAG = struct.Struct("<II").unpack_from
 
 
 class MatlabRecording(FileRecording):
-    """A MATLAB file of events; it states no sensor size."""
+    """A MATLAB file of events; it doesn't state a sensor size."""
 
     format = "matlab"
 
@@ -46,7 +46,7 @@ class MatlabRecording(FileRecording):
         for name, known in NAMES.items():
             column = next((found[key] for key in known if key in found), None)
             if column is None:
-                raise FormatError(self.path, f"no variable {known[0]!r}; it holds {sorted(found)}")
+                raise FormatError(self.path, f"no variable {known[0]!r}; the file has {sorted(found)}")
             columns[name] = column.reshape(-1)
         lengths = {name: column.size for name, column in columns.items()}
         if len(set(lengths.values())) != 1:
@@ -54,11 +54,11 @@ class MatlabRecording(FileRecording):
         return self._checked(columns)
 
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
-        t, x, y, p = (integers(self.path, f"variable {name!r}", columns[name]) for name in ("t", "x", "y", "p"))
+        t, x, y, p = (as_integers(self.path, f"variable {name!r}", columns[name]) for name in ("t", "x", "y", "p"))
         width, height = self._limits
         if (_greatest(x) == width or _greatest(y) == height) and x.min() >= 1 and y.min() >= 1:
             x, y = x.astype(np.int64) - 1, y.astype(np.int64) - 1
-        t, x, y, p = self._inside((t, x, y, polarity(p)))
+        t, x, y, p = self._inside((t, x, y, as_polarity(p)))
         return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def _v5(self) -> dict[str, np.ndarray]:
@@ -78,10 +78,10 @@ class MatlabRecording(FileRecording):
         return found
 
     def _elements(self, data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview]]:
-        """Offset, type and body of each tagged element from byte `at` on."""
+        """Yield offset, type and body of each tagged element from byte `at` on."""
         while at + 8 <= len(data):
             kind, size = _TAG(data, at)
-            if kind >> 16:  # small element: the size in the upper half, up to four bytes right after it
+            if kind >> 16:  # small element: the size is in the upper half, and up to four bytes follow
                 yield at, kind & 0xFFFF, data[at + 4 : at + 4 + min(kind >> 16, 4)]
                 at += 8
                 continue
@@ -93,7 +93,7 @@ class MatlabRecording(FileRecording):
             at += 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
 
     def _inflated(self, at: int, body: memoryview, left: int) -> memoryview:
-        """The inflated body of a compressed element; FormatError as soon as it exceeds `left` bytes."""
+        """Decompress an element. FormatError as soon as it exceeds `left` bytes."""
         inflater = fast_zlib.decompressobj()
         try:
             inflated = inflater.decompress(body, left + 1)
@@ -101,10 +101,10 @@ class MatlabRecording(FileRecording):
             raise FormatError(self.path, f"damaged compressed element: {error}", offset=at) from None
         if len(inflated) > left:
             size = self._contents.size
-            reason = f"inflates too far: a file of {size} bytes is taken to hold {most_bytes(size)} at most"
+            reason = f"expands too far: a file of {size} bytes may expand to {most_bytes(size)} at most"
             raise FormatError(self.path, reason, offset=at)
         if not inflater.eof or len(inflated) < 8:
-            raise FormatError(self.path, "a compressed element that is cut short", offset=at)
+            raise FormatError(self.path, "a compressed element is truncated", offset=at)
         return memoryview(inflated)
 
     def _matrix(self, at: int, body: memoryview, found: dict[str, np.ndarray], prefix: str | None = None) -> None:
@@ -140,13 +140,13 @@ class MatlabRecording(FileRecording):
         left = Allowance(self._contents.size)
         with opened(self.path, "damaged MATLAB v7.3 file") as file:
             root = h5py.h5g.open(file.id, b"/")
-            # variables, and fields of structs, which are groups; names with # in front are MATLAB's own
+            # structs are groups; names that begin with # are MATLAB's own
             names = [name for name in root if not name.startswith(b"#")]
             groups = [n for n in names if h5py.h5g.get_objinfo(root, n, False).type == h5py.h5g.GROUP]
             for place in (root, *(h5py.h5g.open(root, name) for name in groups)):
                 for name in (name.decode("latin-1") for name in place):
                     if name not in wanted:
-                        # for other variables the name is enough
+                        # of other variables, only the name is needed, for errors
                         found.setdefault(name, np.empty(0))
                         continue
                     item = found_in(self.path, place, name)
@@ -158,7 +158,7 @@ class MatlabRecording(FileRecording):
 
 
 def _greatest(column: np.ndarray) -> int:
-    """Greatest value; 0 for an empty column."""
+    """Return the greatest value, 0 for an empty column."""
     return int(column.max()) if column.size else 0
 
 

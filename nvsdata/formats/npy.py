@@ -1,8 +1,8 @@
 """NumPy arrays of events, `.npy`: records with named fields, or four columns `x y t p` or `x y p t`.
 
-Fields are t (or ts, timestamp), x, y and p (or pol, polarity), in any order and of any numeric type. Of columns without
-names, the polarity is the one that holds only -1, 0 and 1; if both do, the order is `x y t p`. Fractional times are in
-seconds, whole ones in µs; polarity may be 0/1 or -1/1. nvsdata writes records of x, y, t and p.
+Fields are t (or ts, timestamp), x, y and p (or pol, polarity), in any order and of any numeric type. In columns without
+names, polarity is the third or fourth column, whichever contains only -1, 0 and 1; if both do, the order is `x y t p`.
+Times with fractions are in seconds, integers in µs. Polarity may be 0/1 or -1/1. nvsdata writes records of x, y, t, p.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, STRUCTURE, Columns
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.file_recording import integers, polarity
+from nvsdata.formats.file_recording import as_integers, as_polarity
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed
+from nvsdata.formats.writing import Pieces, file_with_header
 from nvsdata.kernels.decode.order import is_sorted
 
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "pol", "polarity")}
@@ -29,7 +29,7 @@ POLARITIES = (-1, 0, 1)
 
 
 class NpyRecording(RecordFile):
-    """A `.npy` file of events; it states no sensor size."""
+    """A `.npy` file of events; it doesn't state a sensor size."""
 
     format = "npy"
     block = 4096
@@ -41,20 +41,20 @@ class NpyRecording(RecordFile):
         super().__init__(contents, sensor_size, strict, end)
         lost = shape[0] - self.records
         if lost > 0 and (strict or self._transposed):
-            raise FormatError(path, f"truncated: {shape[0]} events, {self.records} are there", offset=contents.size)
+            raise FormatError(path, f"truncated: {self.records} of {shape[0]} events are there", offset=contents.size)
         if lost > 0:
             self._repair("events that are cut off", lost)
         self.records = min(self.records, shape[0])
-        # its bytes are here already
+        # the first block is in `head`
         contents.head = head
         first = self._array(0, min(self.records, self.block))
-        contents.let_go()
+        contents.drop_head()
         self._fields = _fields(path, first)
         t = self._column(first, "t")
         self._scale = MICROSECONDS if t.dtype.kind == "f" and (t != np.rint(t)).any() else 1
 
     def _array(self, lo: int, hi: int) -> np.ndarray:
-        """Records lo..hi, [N] with fields or [N, 4]."""
+        """Return records lo..hi, [N] with fields or [N, 4]."""
         if self._transposed:
             size, first = (
                 self._kind.itemsize,
@@ -84,8 +84,8 @@ class NpyRecording(RecordFile):
 
     def _between(self, lo: int, hi: int) -> Columns:
         array = self._array(lo, hi)
-        x, y, p = (integers(self.path, f"column {name!r}", self._column(array, name)) for name in "xyp")
-        t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, polarity(p)), lo)
+        x, y, p = (as_integers(self.path, f"column {name!r}", self._column(array, name)) for name in "xyp")
+        t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, as_polarity(p)), lo)
         return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def decode(self) -> Columns:
@@ -99,15 +99,15 @@ class NpyRecording(RecordFile):
 
     def _times(self, column: np.ndarray) -> np.ndarray:
         if self._scale == 1:
-            return integers(self.path, "column 't'", column).astype(np.int64)
+            return as_integers(self.path, "column 't'", column).astype(np.int64)
         if not (np.abs(column) < LATEST / self._scale).all():
-            raise FormatError(self.path, "holds times that are not numbers, or beyond 2^62 µs")
+            raise FormatError(self.path, "has times that are not numbers, or beyond 2^62 µs")
         # float32 has too few digits for µs
         return np.rint(column.astype(np.float64) * self._scale).astype(np.int64)
 
 
 def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Shape, whether the array is stored column by column, type, and the byte at which the data begin."""
+    """Return shape, whether columns are stored one after the other, type, and the offset of the data."""
     file = io.BytesIO(head)
     try:
         version = npy.read_magic(file)
@@ -128,32 +128,32 @@ def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any
 
 
 def _fields(path: str, array: np.ndarray) -> dict[str, str | int]:
-    """Field names or column numbers of t, x, y and p, as the first records show."""
+    """Return field names or column numbers of t, x, y and p, found from the first records."""
     if array.dtype.names is None:
         for names in ("xytp", "xypt"):
             if np.isin(array[:, names.index("p")], POLARITIES).all():
                 return {name: k for k, name in enumerate(names)}
-        raise FormatError(path, "neither the third nor the fourth column is of polarities: -1, 0 or 1")
+        raise FormatError(path, "neither the third nor the fourth column contains only polarities (-1, 0 or 1)")
     given = {name.lower(): name for name in array.dtype.names}
     found: dict[str, str | int] = {}
     for name, known in NAMES.items():
         field = next((given[key] for key in known if key in given), None)
         if field is None:
-            raise FormatError(path, f"no field {name!r}; it holds {list(array.dtype.names)}")
+            raise FormatError(path, f"no field {name!r}; the array has {list(array.dtype.names)}")
         found[name] = field
     return found
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write records of x, y (int16), t (int64, µs) and p (uint8); the sensor size is not kept."""
-    with headed(path, pieces, _begin) as file:
+    """Write records of x, y (int16), t (int64, µs) and p (uint8), without the sensor size."""
+    with file_with_header(path, pieces, _begin) as file:
         for events in pieces:
             file.write(events.to_structured().tobytes())
 
 
 def _begin(pieces: Pieces) -> bytes:
     file = io.BytesIO()
-    # numpy pads the header, so that any number fits
+    # numpy pads the header, so that its length doesn't depend on the number
     npy.write_array_header_1_0(file, {"shape": (pieces.count,), "fortran_order": False, "descr": STRUCTURE.descr})
     return file.getvalue()
 

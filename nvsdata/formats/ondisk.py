@@ -1,8 +1,7 @@
-"""The bytes of a file, read rather than mapped.
+"""Reads the bytes of a file, which is opened for each read and not mapped into memory.
 
-If another process cuts a mapped file short, this process is killed; and each map keeps a descriptor for as long as
-anything refers to it. So a recording keeps a path, and opens and closes the file for each read: reading costs no more
-than mapping.
+If another process truncates a mapped file, this process is killed. Each map also keeps a descriptor open as long as
+anything refers to it. Reading takes no longer than mapping.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ from nvsdata.common.errors import FormatError
 
 
 class OnDisk:
-    """A file as it was when it was opened.
+    """A file as it was at the creation of this object.
 
-    Reading raises FormatError if it was cut short, written to or replaced since: what was learned about it may be wrong
-    then.
+    Reading raises FormatError if the file was truncated, written or replaced since then, because an index of it may be
+    wrong.
     """
 
     def __init__(self, path: str) -> None:
@@ -35,18 +34,19 @@ class OnDisk:
 
     @property
     def stamp(self) -> tuple[int, ...]:
-        """Size in bytes, times of the last change of content and of anything (ns since 1970), and inode.
+        """Size in bytes, times of the last change of content and of metadata (ns since 1970), and inode.
 
-        The second time can't be set: it tells a file that was put in the place of another with its size and time.
+        The second time can't be set by programs, so it shows that a file was replaced by another one of its size and
+        time.
         """
         return self._stamp[0], self._stamp[1], self._changed, self._stamp[2]
 
     def opened(self) -> OpenFile:
-        """A context manager that opens the file while its block runs."""
+        """Return a context manager that opens the file while its block runs."""
         return OpenFile(self)
 
     def check(self, status: os.stat_result | None = None) -> None:
-        """FormatError if the file has changed."""
+        """Raise FormatError if the file has changed."""
         now = _stamp(os.stat(self.path) if status is None else status)
         if now[0] < self.size:
             raise FormatError(self.path, f"truncated: it had {self.size} bytes when it was opened", offset=now[0])
@@ -55,7 +55,7 @@ class OnDisk:
 
 
 class OpenFile:
-    """A file that is open while a block runs: only a descriptor, which takes half the time of Python's file objects."""
+    """A file that is open while a block runs. It is a descriptor, which takes half the time of a Python file object."""
 
     __slots__ = ("descriptor", "file")
 
@@ -74,21 +74,21 @@ class OpenFile:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         try:
             if kind is None:
-                # written to in the meantime
+                # another process may have written to it
                 self.file.check(os.fstat(self.descriptor))
         finally:
             os.close(self.descriptor)
 
     def fill(self, at: int, target: np.ndarray) -> None:
-        """Fill `target`, a contiguous array, with the bytes of the file from `at` on."""
+        """Fill a contiguous array with the bytes of the file from `at` on."""
         read_into(self.descriptor, self.file.path, at, target)
 
 
 def read_into(descriptor: int, path: str, at: int, target: np.ndarray) -> None:
-    """Fill `target`, a contiguous array, with the bytes of an open file from `at` on.
+    """Fill a contiguous array with the bytes of an open file from `at` on.
 
-    The file's position doesn't move, which forked workers share. FormatError, which names `path`, if the file ends
-    before.
+    The file's position, which forked workers share, doesn't move. FormatError, which names `path`, if the file is too
+    short.
     """
     wanted = target.nbytes
     done = _read_at(descriptor, target, at) if wanted else 0

@@ -1,4 +1,4 @@
-"""Opening files of events, and reading one in a single call."""
+"""`nvsdata.open` and `nvsdata.read`."""
 
 from __future__ import annotations
 
@@ -12,22 +12,36 @@ from nvsdata.data.recording import Recording
 from nvsdata.formats.contents import HEAD
 from nvsdata.formats.registry import format_of
 
-# O_NONBLOCK: opening a pipe that nobody writes to would wait
+# without O_NONBLOCK, opening a pipe without a writer would wait
 _READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
 def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = None, strict: bool = True) -> Recording:
     """Open a file of events without decoding it.
 
-    - `path`: the file; its format is recognized by its content, else by its extension
-    - `sensor_size`: (width, height) in pixels, in place of what the file states; by default what it states, else the
-      smallest size that holds the events. Some formats state none, such as N-MNIST's: without `sensor_size=(34, 34)`,
-      a file without events in the last row or column gets another size than the others
-    - `strict`: whether damage is a FormatError; default True. Otherwise a damaged file is read as far as it makes
-      sense: a torn tail is cut off and events outside the sensor are dropped, and the recording's `repairs` counts them
+    Args:
+        path: The file. Its format is recognized by its content, otherwise by its extension.
+        sensor_size: (width, height) in pixels, in place of the size that the file states (default: that size,
+            otherwise the smallest that contains the events). Some formats state none, such as that of N-MNIST:
+            without `sensor_size=(34, 34)`, a file without events in the last row or column has another size than the
+            others.
+        strict: Whether damage is a FormatError (default True). Otherwise damaged parts are left out: a torn tail is
+            cut off, and events outside the sensor are dropped. `Recording.repairs` counts them.
 
-    Raises FileNotFoundError, and FormatError for a directory, a pipe, an empty file of a format that
-    needs a header, or content that fits no known format.
+    Returns:
+        The recording, whose `read` decodes a window.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        FormatError: For a directory, a pipe, an empty file of a format that needs a header, or an unknown format.
+
+    Example:
+        >>> import nvsdata, os, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = os.path.join(folder, "a.h5")
+        ...     _ = nvsdata.write(Events([0, 10, 30], [0, 3, 1], [1, 1, 0], [1, 0, 1]), path)
+        ...     nvsdata.open(path).span
+        (0, 30)
     """
     path = os.path.expanduser(os.fspath(path))
     head = head_of(path)
@@ -44,16 +58,36 @@ def read(
     relative: bool = False,
     strict: bool = True,
 ) -> Events:
-    """Events of a file with start <= t < stop.
+    """Read the events of a file with start <= t < stop.
 
-    - `path`, `sensor_size`, `strict`: as in `open`
-    - `start`, `stop`: the window in µs of the file's own clock; None, the default, is without bound
-    - `relative`: whether `start` and `stop` count from the recording's first event; default False. The events keep the
-      file's times in any case
+    The clock of most cameras doesn't begin at 0. So `read(path, 0, 30_000)` returns no events for most files, with a
+    warning; `relative=True` counts from the first event.
 
-    Few cameras' clocks begin at 0, so `read(path, 0, 30_000)` has no events for most files, and warns.
+    Args:
+        path: The file. Its format is recognized by its content, otherwise by its extension.
+        start: Start of the window in µs, in the file's clock; None (default) is without bound.
+        stop: End of the window in µs, in the file's clock; None (default) is without bound.
+        sensor_size: (width, height) in pixels, in place of the size that the file states (default: that size,
+            otherwise the smallest that contains the events).
+        relative: Whether `start` and `stop` count from the recording's first event (default False). The times of the
+            events are those of the file in both cases.
+        strict: Whether damage is a FormatError (default True). Otherwise damaged parts are left out.
 
-    Raises what `open` raises, FormatError if the decoded part is damaged, and ValueError if stop < start.
+    Returns:
+        The events, sorted by time.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        FormatError: If `open` raises it, or if the decoded part is damaged.
+        ValueError: If stop < start.
+
+    Example:
+        >>> import nvsdata, os, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = os.path.join(folder, "a.h5")
+        ...     _ = nvsdata.write(Events([100, 110, 130], [0, 3, 1], [1, 1, 0], [1, 0, 1]), path)
+        ...     nvsdata.read(path, 0, 20, relative=True).t.tolist()
+        [100, 110]
     """
     recording = open(path, sensor_size=sensor_size, strict=strict)
     if relative:
@@ -66,23 +100,23 @@ def read(
 
 
 def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> None:
-    """Warn about a window that lies before the first or after the last event."""
-    if recording.knows_span and (told := outside(recording, start, stop)):
-        warnings.warn(f"{told}; relative=True counts from the first", stacklevel=3)
+    """Warn about a window before the first or after the last event."""
+    if recording.knows_span and (message := outside(recording, start, stop)):
+        warnings.warn(f"{message}; relative=True counts from the first event", stacklevel=3)
 
 
 def outside(recording: Recording, start: int | None, stop: int | None) -> str | None:
-    """A message if a window lies before the first or after the last event of a recording; else None."""
+    """Return a message if a window is before the first or after the last event of a recording; otherwise None."""
     first, last = recording.span
     if first < last and ((stop is not None and stop <= first) or (start is not None and start > last)):
         window = f"[{'' if start is None else start}, {'' if stop is None else stop})"
-        return f"{shown(recording.path)}: the window {window} holds nothing, its events lie at {first} to {last} µs"
+        return f"{shown(recording.path)}: the window {window} has no events; the file's are at {first} to {last} µs"
     return None
 
 
 def head_of(path: str) -> bytes:
-    """The first bytes of a file; all of it if it is small."""
-    # plain system calls: a file object costs twice as much, and a dataset may have 100,000 small files
+    """Return the first bytes of a file, or all of them if it is small."""
+    # system calls take half the time of a file object, and a dataset may have 100,000 small files
     handle = os.open(path, _READING)
     try:
         head = os.read(handle, HEAD)

@@ -1,4 +1,4 @@
-"""What formats with records of a fixed size share: an index of blocks, and windows that use it."""
+"""Base classes of formats with records of a fixed size: an index of blocks, and windows that use it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from nvsdata.kernels.decode.order import is_sorted
 class Blocks(NamedTuple):
     """The index of a file of M blocks.
 
-    - `times`: time of each block's first record in µs, int64 [M]; in EVT files, of the last event before the block
-    - `states`: the decoder's state before each block, [M, ...]
-    - `ordered`: whether times never fall; None if only the first records of blocks were read
-    - `span`: first and last time in µs, valid if `ordered` is true
+    Args:
+        times: Time in µs of the first record of each block (in EVT files, of the last event before it), int64 [M].
+        states: State of the decoder before each block, [M, ...].
+        ordered: Whether times never fall; None if only the first records of blocks were read.
+        span: First and last time in µs, valid if `ordered` is true.
     """
 
     times: np.ndarray
@@ -31,13 +32,13 @@ class Blocks(NamedTuple):
 
 
 class RecordFile(FileRecording):
-    """Fixed-size records after a header, in order of time unless the file is damaged.
+    """Records of a fixed size after a header, in order of time unless the file is damaged.
 
-    If not `strict`, the file is decoded as a whole, because a part of a damaged file doesn't show what the file holds.
+    If not `strict`, the file is always decoded entirely, because a part of a file doesn't show whether it is damaged.
     """
 
     record_size: int
-    block: int  # records per entry of the index
+    block: int  # records per block of the index
 
     def __init__(
         self, contents: Contents, sensor_size: tuple[int, int] | None, strict: bool, header_size: int = 0
@@ -48,26 +49,26 @@ class RecordFile(FileRecording):
         self._blocks: Blocks | None = None
         self.records, torn = divmod(contents.size - header_size, self.record_size)
         if torn and strict:
-            reason = f"truncated: {torn} bytes are left over, a record takes {self.record_size}"
+            reason = f"truncated: {torn} bytes are left over, but a record has {self.record_size}"
             raise FormatError(self.path, reason, offset=contents.size - torn)
         self._repair("bytes of a torn record, cut off", torn)
-        contents.let_go()
+        contents.drop_head()
 
     @abstractmethod
     def _index(self) -> Blocks:
-        """Build the index of blocks."""
+        """Compute the index."""
 
     @abstractmethod
     def _between(self, lo: int, hi: int) -> Columns:
-        """Events of records lo..hi; `lo` is the first record of a block."""
+        """Decode records lo..hi; `lo` is the first record of a block."""
 
     def _check_blocks(self, starts: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """FormatError if windows would miss events: by each block's first, lowest and highest time, int64 [M]."""
+        """Raise FormatError if windows would miss events. Arguments are each block's first, lowest, highest time."""
         early, late = lowest[1:] < starts[:-1], highest[:-2] > starts[2:]
-        # if the blocks themselves are out of order, windows are cut from the whole
+        # if the blocks themselves are out of order, windows are cut from all events
         if is_sorted(starts) and (early.any() or late.any()):
             where = np.argmax(early) + 1 if early.any() else np.argmax(late)
-            reason = f"events strayed by more than {self.block} records: they are out of order, or damaged"
+            reason = f"events are displaced by more than {self.block} records: they are out of order, or damaged"
             raise FormatError(self.path, reason, offset=self._byte(int(where) * self.block))
 
     def _byte(self, record: int) -> int:
@@ -78,14 +79,14 @@ class RecordFile(FileRecording):
 
     @property
     def blocks(self) -> Blocks:
-        """The index, built at its first use."""
+        """The index, computed at its first use."""
         if self._blocks is None:
             self._blocks = self._index()
         return self._blocks
 
     @property
     def certainly_rises(self) -> bool:
-        # one that doesn't state its sensor is decoded as a whole anyway
+        # a file that doesn't state its sensor is decoded entirely anyway
         return self.strict and self.blocks.ordered is True and self._size is not None
 
     def decode_span(self) -> tuple[int, int] | None:
@@ -96,7 +97,7 @@ class RecordFile(FileRecording):
             return span
         if ordered is False or not is_sorted(times):
             return None
-        # events displaced across a block's edge may be earlier than the first record, or later than the last
+        # events displaced across the edge of a block may be earlier than the first record, or later than the last
         head = self._between(0, min(2 * self.block, self.records)).t
         tail = self._between((times.size - 2) * self.block, self.records).t if times.size > 2 else head
         if not (head.size and tail.size):
@@ -105,10 +106,10 @@ class RecordFile(FileRecording):
         return (first, last) if times.size < 3 or (first <= times[1] and last >= times[-1]) else None
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode the blocks that the window touches; None if they are out of order.
+        """Decode the blocks that overlap the window; return None if they are out of order.
 
-        If only the blocks' first records are known, one more block is decoded on each side; an event
-        that is displaced further is found when the whole is read.
+        If only the first records of blocks are known, one more block is decoded on each side. An event that is
+        displaced farther is found when the entire file is read.
         """
         if not self.strict:
             return None
@@ -125,7 +126,7 @@ class RecordFile(FileRecording):
         return columns.take(slice(a, b))
 
     def _touched(self, start: int, stop: int) -> tuple[int, int]:
-        """The first block that a window touches, and the one after the last."""
+        """Return the first block that overlaps a window, and the one after the last."""
         times, _, ordered, _ = self.blocks
         margin = 0 if ordered else 1
         first = int(times.searchsorted(start, "left")) - 1 - margin
@@ -133,48 +134,49 @@ class RecordFile(FileRecording):
 
 
 class PiecedFile(RecordFile):
-    """Records that a kernel decodes in pieces, each from where the last one ended."""
+    """Records that a kernel decodes in pieces, each from the end of the one before."""
 
     @abstractmethod
     def _state(self, record: int) -> np.ndarray:
-        """The decoder's state before `record`, the first record of a block."""
+        """Return the decoder's state before `record`, the first record of a block."""
 
     @abstractmethod
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        """Decode the bytes of some records into the columns from index `kept` on; `state` is read and updated.
+        """Decode the bytes of some records into the columns from index `kept` on, and update `state`.
 
-        Returns the number of events, and the index of the first record outside the sensor or of no polarity, or -1.
+        Returns the number of events, and the index of the first record outside the sensor or without a valid polarity,
+        -1 if there is none.
         """
 
     def _check(self, state: np.ndarray) -> None:
-        """FormatError if `state` shows damage; called after each piece if `strict`."""
+        """Raise FormatError if `state` shows damage; called after each piece if `strict`."""
 
     def _most(self, raw: np.ndarray) -> int:
-        """The number of events, from index `kept` on, that `_piece` needs room for."""
+        """Return the number of events for which `_piece` needs space from index `kept` on."""
         return raw.size // self.record_size
 
-    def _room(self, most: int, done: int, total: int) -> int:
-        """The room for `total` records, of which the first `done` need room for `most` events; at least `most`."""
+    def _capacity(self, most: int, done: int, total: int) -> int:
+        """Return the space to allocate for `total` records, of which the first `done` need space for `most` events."""
         return total
 
     def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
-        """Bytes of records lo..hi, in pieces of whole blocks."""
+        """Yield the bytes of records lo..hi in pieces of entire blocks."""
         step = max(PIECE // (self.record_size * self.block), 1) * self.block
         return self.contents.pieces(self._byte(lo), self._byte(hi), step * self.record_size)
 
     def _run(self, lo: int, hi: int) -> tuple[Columns, np.ndarray]:
-        """Events of records lo..hi, and the state after them; `lo` is the first record of a block."""
+        """Decode records lo..hi; return events and the state after them. `lo` is the first record of a block."""
         state = self._state(lo)
         columns: Columns | None = None
         kept, record = 0, lo
         for raw in self._pieces(lo, hi):
-            # counted on the bytes that are decoded: the file may be changed meanwhile
+            # counted in the bytes that will be decoded, because another process may change the file
             most = kept + self._most(raw)
             if columns is None:
-                columns = Columns.empty(self._room(most, raw.size // self.record_size, hi - lo))
+                columns = Columns.empty(self._capacity(most, raw.size // self.record_size, hi - lo))
             elif most > columns.t.size:
-                size = self._room(most, record - lo + raw.size // self.record_size, hi - lo)
-                # one after the other, so that only one of them is there twice
+                size = self._capacity(most, record - lo + raw.size // self.record_size, hi - lo)
+                # one by one, so that only one column is in memory twice
                 for name in Columns._fields:
                     columns = columns._replace(**{name: _lengthened(getattr(columns, name), kept, size)})
             count, bad = self._piece(raw, state, kept, columns)
@@ -193,16 +195,16 @@ class PiecedFile(RecordFile):
 
 
 def _lengthened(column: np.ndarray, kept: int, size: int) -> np.ndarray:
-    """A column of `size` events that begins with the first `kept` of another one."""
+    """Return a column of `size` events that begins with the first `kept` events of another one."""
     longer = np.empty(size, column.dtype)
     longer[:kept] = column[:kept]
     return longer
 
 
 def stated_size(path: str, width: str | int, height: str | int) -> tuple[int, int]:
-    """The sensor size that a header states; FormatError if it is not a valid one."""
+    """Return the sensor size that a header states. FormatError if it is invalid."""
     try:
-        # int() refuses thousands of digits, also with a ValueError
+        # int() raises ValueError for thousands of digits, too
         return check_sensor_size((int(width), int(height)))
     except ValueError as error:
-        raise FormatError(path, f"the header states no valid sensor size: {str(error)[:200]}", offset=0) from None
+        raise FormatError(path, f"the header states an invalid sensor size: {str(error)[:200]}", offset=0) from None

@@ -1,4 +1,4 @@
-"""The known formats, and how a file's format is recognized."""
+"""Registry of formats, and recognition of a file's format."""
 
 from __future__ import annotations
 
@@ -18,18 +18,24 @@ from nvsdata.formats.writing import Pieces
 
 @dataclass(eq=False)
 class Format:
-    """How files of a format are recognized, opened and written.
+    """A format of files: functions that recognize, open and write them.
 
-    - `name`: the name that `nvsdata info` shows
-    - `suffixes`: extensions in lower case with their dot; the first is for new files
-    - `open(path, sensor_size, head, strict)`: gives the `Recording` of a file. `head`: its first 64 KiB, or the whole
-      file if that is shorter
-    - `begins(head)`: whether a file that begins with `head` is certainly of this format; None, the default, for a
-      format without a mark of its own
-    - `looks_like(head, size)`: whether a file of `size` bytes that begins with `head` could be of this format; called
-      if neither a mark nor an extension decides. Default None
-    - `write(pieces, path)`: writes a new file; None, the default, for a format that is only read
-    - `holds_samples`: whether files hold frames and inertial samples; default False
+    Args:
+        name: Name that `nvsdata info` shows.
+        suffixes: Extensions in lower case, with their dot. New files get the first one.
+        open: `open(path, sensor_size, head, strict)` returns the `Recording` of a file. `head` is its first 64 KiB, or
+            the entire file if it is shorter.
+        begins: `begins(head)` returns whether a file that begins with `head` is certainly of this format (default None:
+            the format has no mark of its own).
+        looks_like: `looks_like(head, size)` returns whether a file of `size` bytes that begins with `head` could be of
+            this format. It is called if neither a mark nor an extension decides (default None).
+        write: `write(pieces, path)` writes a new file (default None: the format is only read).
+        holds_samples: Whether files can contain frames and inertial samples (default False).
+
+    Example:
+        >>> from nvsdata.formats import FORMATS
+        >>> FORMATS["text"].suffixes
+        ('.txt', '.csv', '.text')
     """
 
     name: str
@@ -42,7 +48,7 @@ class Format:
 
 
 def starts_with(mark: bytes) -> Callable[[bytes], bool]:
-    """A test `begins` for a format whose files begin with `mark`."""
+    """Return a function `begins` for a format whose files begin with `mark`."""
     return lambda head: head.startswith(mark)
 
 
@@ -71,14 +77,14 @@ def _built_in(module: str, name: str) -> Any:
 
 
 class _Formats(Registry[Format]):
-    """The formats by name; nvsdata's own are imported when a file is first opened or written."""
+    """Formats by name; those of nvsdata are imported when a file is first opened or written."""
 
-    _complete = False  # whether nvsdata's own are among those known
+    _complete = False  # whether nvsdata's own formats were imported
 
     def loaded(self) -> Iterable[Format]:
         if not self._complete:
             found: list[Format] = [_built_in(*name.split(":")) for name in BUILT_IN]
-            # at once: other threads may look meanwhile
+            # in one assignment, because other threads may read it
             self._known = {**{one.name: one for one in found}, **self._known}
             self._complete = True
         return super().loaded()
@@ -99,13 +105,23 @@ FORMATS = _Formats("format", "formats", lambda _, found: register_format(found))
 
 
 def register_format(added: Format) -> Format:
-    """Make a format known to `open`, `read`, `write` and all commands; returns it.
-
-    - `added`: the format; formats registered before it are tried first
+    """Register a format for `open`, `read`, `write` and all commands.
 
     A package registers one by an entry point of the group `nvsdata.formats` whose object is a `Format`.
 
-    Raises ValueError for a name that is taken, TypeError for anything but a Format.
+    Args:
+        added: The format. Formats that were registered earlier are tried first.
+
+    Returns:
+        The format.
+
+    Raises:
+        ValueError: If the name is taken.
+        TypeError: If it isn't a Format.
+
+    Example:
+        >>> from nvsdata.formats import text
+        >>> register_format(Format("notes", (".note",), text.TextRecording))  # doctest: +SKIP
     """
     if not isinstance(added, Format):
         raise TypeError(f"register_format takes a Format, not {added!r}")
@@ -113,7 +129,7 @@ def register_format(added: Format) -> Format:
 
 
 def format_of(path: str, head: bytes) -> Format:
-    """The format of a file that begins with `head`: recognized by content first, by extension second.
+    """Return the format of a file that begins with `head`, recognized by content first, by extension second.
 
     FormatError if no format fits.
     """
@@ -132,20 +148,20 @@ def format_of(path: str, head: bytes) -> Format:
 
 
 def _marked(head: bytes) -> Format | None:
-    """The format whose mark a file begins with."""
+    """Return the format whose mark the file begins with."""
     for one in FORMATS.loaded():
         begins = one.begins
-        # most tests are one comparison, which another call would outweigh
+        # inlined, because most of these functions take less time than a call does
         try:
             if begins is not None and begins(head):
                 return one
-        except Exception as error:  # a test of somebody else's format may raise anything
+        except Exception as error:  # a function of another package may raise anything
             _warn(one, error)
     return None
 
 
 def _likely(path: str, head: bytes, suffix: str) -> Format | None:
-    """The format of a file without a mark, by its extension or by what it looks like."""
+    """Return the format of a file without a mark, by its extension or by `looks_like`."""
     known = FORMATS.loaded()
     for one in known:
         if one.begins is None and suffix in one.suffixes:
@@ -153,33 +169,40 @@ def _likely(path: str, head: bytes, suffix: str) -> Format | None:
     if not head:
         return None
     for one in known:
-        # without its mark, a format is tried only if the extension is one of its own
-        asked = one.begins is None or suffix in one.suffixes
-        if asked and _seems(one, head, os.path.getsize(path)):
+        # a format with a mark, which this file doesn't have, is tried only for its own extensions
+        tried = one.begins is None or suffix in one.suffixes
+        if tried and _seems(one, head, os.path.getsize(path)):
             return one
     return None
 
 
 def _seems(one: Format, head: bytes, size: int) -> bool:
-    """Whether a file looks like one of a format; a test that raises says no, with a warning."""
+    """Return whether a file looks like one of a format; False with a warning if the function raises."""
     try:
         return one.looks_like is not None and bool(one.looks_like(head, size))
-    except Exception as error:  # a test of somebody else's format may raise anything
+    except Exception as error:  # a function of another package may raise anything
         _warn(one, error)
         return False
 
 
 def _warn(one: Format, error: Exception) -> None:
     reason = f"{type(error).__name__}: {shown(error)}"
-    warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=5)
+    warnings.warn(f"the format {one.name!r} failed to check whether a file is of this format: {reason}", stacklevel=5)
 
 
 def writer_of(path: str | os.PathLike[str], format: str | None = None) -> Format:
-    """The format in which a new file `path` is written.
+    """Return the format in which a new file is written.
 
-    - `format`: its name; default: by the extension, EVT3 for `.raw`
+    Args:
+        path: The file, whose extension selects the format.
+        format: Name of the format, if the extension has several (default: the first one, EVT3 for `.raw`).
 
-    ValueError if no format with that extension and name can be written.
+    Raises:
+        ValueError: If no format with that extension and name can be written.
+
+    Example:
+        >>> writer_of("a.raw", None).name
+        'evt3'
     """
     suffix = Path(path).suffix.lower()
     for _ in range(2):
@@ -192,9 +215,14 @@ def writer_of(path: str | os.PathLike[str], format: str | None = None) -> Format
         known = ", ".join(f"{one.name} ({', '.join(one.suffixes)})" for one in written)
         raise ValueError(f"{path}: can't write a file with {suffix!r} as {format!r}; known are {known}")
     known = ", ".join(dict.fromkeys(s for one in written for s in one.suffixes))
-    raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
+    raise ValueError(f"{path}: no format is written to files with {suffix!r}; known are {known}")
 
 
 def suffixes() -> tuple[str, ...]:
-    """Extensions of all formats that can be opened, each once: lower case, with their dot."""
+    """Return the extensions of all formats, each once, in lower case with their dot.
+
+    Example:
+        >>> ".aedat4" in suffixes()
+        True
+    """
     return tuple(dict.fromkeys(suffix for one in FORMATS.values() for suffix in one.suffixes))

@@ -1,4 +1,4 @@
-"""Writing files of events, whole or not at all."""
+"""`nvsdata.write`: files appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -16,25 +16,38 @@ from nvsdata.formats.reading import head_of
 from nvsdata.formats.registry import Format, writer_of
 from nvsdata.formats.writing import Pieces
 
-READ_BACK = 4096  # events at the end of a file that are compared after it was written
+READ_BACK = 4096  # events at the end of a file that are read and compared after it was written
 
 
 def write(
     events: Events | Recording | Iterable[Events], path: str | os.PathLike[str], *, format: str | None = None
 ) -> int:
-    """Write events in the format that the extension of `path` names; returns the number of events.
+    """Write events in the format that belongs to the extension of `path`.
 
-    - `events`: Events, a Recording, or an iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream`
-      gives them). Pieces are written as they come, in constant memory; the first one states the sensor size
-    - `path`: the file, which appears whole or not at all, in place of any file there
-    - `format`: the format's name, where an extension has several: "evt3" (the default for `.raw`), "evt2" or "evt2.1";
-      "hdf5" (the default for `.h5`), or "hdf5-gzip", which takes a third of the disk
+    HDF5, AEDAT 2 and AEDAT 4 also contain the frames and inertial samples of a Recording, or of a `Piece`; other
+    formats contain only events.
 
-    HDF5, AEDAT 2 and AEDAT 4 hold frames and inertial samples of a Recording, or of a `Piece`; others events alone.
+    Args:
+        events: Events, a Recording, or an iterable of pieces in order of time (as `PIX2NVS.stream` returns). Pieces are
+            written one by one, in constant memory. The first one states the sensor size.
+        path: The file, which appears whole or not at all. It replaces any file there.
+        format: Name of the format, if an extension has several: "evt3" (the default for `.raw`), "evt2" or "evt2.1";
+            "hdf5" (the default for `.h5`) or "hdf5-gzip", which takes a third of the disk space.
 
-    Raises ValueError for an unknown extension, a format that can't be written, events that
-    the format can't hold (every format except HDF5 and text has limits), and pieces that are out of
-    order, of different sensors, or none at all. OSError if the disk is full or gives back other data.
+    Returns:
+        The number of events.
+
+    Raises:
+        ValueError: For an unknown extension, a format that can't be written, events that the format doesn't support
+            (every format except HDF5 and text has limits), and pieces that are out of order, of different sensors, or
+            missing.
+        OSError: If the disk is full, or returns other data than were written.
+
+    Example:
+        >>> import os, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write(Events([0, 10, 30], [0, 3, 1], [1, 1, 0], [1, 0, 1]), os.path.join(folder, "a.aedat"))
+        3
     """
     path = os.path.expanduser(path)
     how = writer_of(path, format)
@@ -50,14 +63,31 @@ def write(
 
 
 def left_out(recording: Recording, path: str | os.PathLike[str], format: str | None = None) -> list[str]:
-    """What a recording has that a file with the extension of `path`, in this format, can't hold.
+    """List the kinds of data of a recording that `write` would leave out, because the format doesn't support them.
 
-    ValueError for an extension, or a format, that can't be written.
+    Args:
+        recording: The recording.
+        path: The file, whose extension selects the format.
+        format: Name of the format, as in `write` (default None).
+
+    Returns:
+        "frames and inertial samples", "external triggers", both, or nothing.
+
+    Raises:
+        ValueError: For an extension or a format that can't be written.
+
+    Example:
+        >>> import nvsdata, os, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = os.path.join(folder, "a.h5")
+        ...     _ = write(Events([0, 10], [0, 3], [1, 1], [1, 0]), path)
+        ...     left_out(nvsdata.open(path), "a.txt")
+        []
     """
     how, found = writer_of(path, format), []
     if recording.holds_samples and not how.holds_samples and _has_samples(recording):
         found.append("frames and inertial samples")
-    # no format is written with them
+    # nvsdata doesn't write triggers to any format
     if recording.holds_triggers and _has_triggers(recording):
         found.append("external triggers")
     return found
@@ -66,7 +96,7 @@ def left_out(recording: Recording, path: str | os.PathLike[str], format: str | N
 def _has_samples(recording: Recording) -> bool:
     try:
         return bool(recording.inertial().t.size) or next(iter(recording.frames()), None) is not None
-    except FormatError:  # damaged ones are some, too
+    except FormatError:  # damaged data are data, too
         return True
 
 
@@ -78,7 +108,7 @@ def _has_triggers(recording: Recording) -> bool:
 
 
 def _check_written(how: Format, path: Path, pieces: Pieces) -> None:
-    """OSError unless the file's last events are those that were written: not every full disk raises an error."""
+    """Raise OSError unless the file's last events are those that were written: not every full disk raises an error."""
     if pieces.last is None:
         return
     first = int(pieces.last.t[-READ_BACK:][0])
@@ -90,4 +120,4 @@ def _check_written(how: Format, path: Path, pieces: Pieces) -> None:
     except FormatError as error:
         raise OSError(errno.EIO, f"can't be read back after it was written: {error.reason}") from error
     if not same:
-        raise OSError(errno.EIO, "doesn't hold what was written to it: is the disk full, or broken?")
+        raise OSError(errno.EIO, "doesn't contain what was written to it: check whether the disk is full or broken")

@@ -1,8 +1,8 @@
 """Text, one event per line: `x y t p` with t in µs, or `t x y p` with t in seconds.
 
-The second form is recognized by a decimal point in the first number, or by a first line of two numbers,
-the width and the height. nvsdata's own files begin with a comment that states the sensor and that the
-events are sorted, so that a window is found by bisection over the bytes.
+The second form is recognized by a decimal point in the first number, or by a first line of two numbers, width and
+height. nvsdata's own files begin with a comment that states the sensor, and that the events are sorted, so that a
+window is found by bisection over the bytes.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode import text as kernel
 from nvsdata.kernels.decode.order import is_sorted
 
 FAULTS = {
     kernel.BAD_NUMBER: "not a number",
-    kernel.BAD_COUNT: "a line must hold four numbers",
+    kernel.BAD_COUNT: "a line must have four numbers",
     kernel.OUT_OF_RANGE: "coordinates must lie between 0 and 32766 and polarity between -1 and 1",
     kernel.TOO_LATE: "a time at or beyond 2^62 µs",
 }
@@ -33,9 +33,9 @@ OWN = re.compile(rb"# nvsdata events: x y t p, sorted, sensor (\d+)x(\d+)\n([^\n
 EVENT = re.compile(rb"\d+ \d+ (-?\d{1,19}) \d\r?\n?")  # a line of nvsdata's own files
 SIZE = re.compile(rb"[ \t]*(\d+)[ \t]+(\d+)[ \t]*\r?\n")
 SECONDS = re.compile(rb"[ \t]*-?\d+\.\d")
-CHUNK = 1 << 14  # this many bytes or fewer are parsed instead of bisected further
+CHUNK = 1 << 14  # bytes; bisection ends at this size, and the rest is parsed
 LINE = 128  # bytes that are read to find a line
-PIECE = 1 << 24  # bytes that are parsed together
+PIECE = 1 << 24  # bytes that are parsed at a time
 
 
 class TextRecording(FileRecording):
@@ -55,7 +55,7 @@ class TextRecording(FileRecording):
             self._body = size.end()
             self._size = self._size or stated_size(path, size[1].decode(), size[2].decode())
         if own and own[3]:
-            self._lasts(stated_time([own[3].decode("latin-1")]))
+            self._state_times(stated_time([own[3].decode("latin-1")]))
         self._seconds = not own and (size is not None or SECONDS.match(_first_line(head)) is not None)
 
     def decode(self) -> Columns:
@@ -67,17 +67,17 @@ class TextRecording(FileRecording):
         return columns
 
     def _parse(self, start: int, stop: int) -> Columns:
-        """Events of the lines between two bytes."""
+        """Decode the lines between two offsets."""
         cuts = [start]
         while cuts[-1] < stop:
             cuts.append(min(self._line_from(cuts[-1] + PIECE)[0], stop))
         parsed = [self._lines(lo, hi) for lo, hi in pairwise(cuts)] or [(Columns.empty(0), 0)]
-        self._repair("lines that are no event, dropped", sum(dropped for _, dropped in parsed))
+        self._repair("lines that aren't events, dropped", sum(dropped for _, dropped in parsed))
         columns = concatenate([columns for columns, _ in parsed])
         return Columns(*self._inside(columns)) if self._size is not None else columns
 
     def _lines(self, start: int, stop: int) -> tuple[Columns, int]:
-        """Events of a piece of the file, and how many of its lines were dropped."""
+        """Decode a piece of the file; return events and the number of lines that were dropped."""
         raw = self._contents.read(start, stop)
         columns = Columns.empty(int(np.count_nonzero(raw == ord("\n"))) + 1)
         kept, fault, where, dropped = kernel.text_decode(raw, self._seconds, not self.strict, *columns)
@@ -86,7 +86,7 @@ class TextRecording(FileRecording):
         return columns.first(kept), dropped
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode a window found by bisection over the lines; None if the times around it show that this went wrong."""
+        """Decode a window found by bisection over the lines; return None if the times around it don't confirm it."""
         if not (self._sorted and self.strict):
             return None
         size = self._contents.size
@@ -100,7 +100,7 @@ class TextRecording(FileRecording):
         return columns.take(slice(first, last))
 
     def _around(self, time: int) -> tuple[int, int]:
-        """Two bytes between which the first event at or after `time` begins; the first byte begins a line."""
+        """Return two offsets between which the first event at or after `time` begins; a line begins at the first."""
         lo, hi = self._body, self._contents.size
         while hi - lo > CHUNK:
             middle = (lo + hi) // 2
@@ -114,7 +114,7 @@ class TextRecording(FileRecording):
         return lo, hi
 
     def _probe(self, at: int) -> tuple[int, int | None]:
-        """The byte at or after `at` where a line begins, and its time, None if it isn't an event; results are kept."""
+        """Return the offset of the first line at or after `at`, and its time (None if it isn't an event), cached."""
         if at not in self._probed:
             begin, line = self._line_from(at)
             event = EVENT.fullmatch(line)
@@ -122,11 +122,11 @@ class TextRecording(FileRecording):
         return self._probed[at]
 
     def _line_from(self, at: int) -> tuple[int, bytes]:
-        """The byte at or after `at` at which a line begins, and that line; the file's size if there is none."""
+        """Return the offset of the first line at or after `at`, and that line; the file's size if there is none."""
         size, length = self._contents.size, LINE
         while at < size:
             stop = min(at + length, size)
-            # a line begins after the end of another
+            # a line begins after a line end
             piece = self._contents.read(at - 1, stop).tobytes()
             begin = piece.find(b"\n") + 1
             end = piece.find(b"\n", begin) + 1 if begin else 0
@@ -137,7 +137,7 @@ class TextRecording(FileRecording):
 
 
 def _first_line(head: bytes) -> bytes:
-    """The first line that is neither empty nor a comment."""
+    """Return the first line that is neither empty nor a comment."""
     for line in head.splitlines():
         if line.strip() and not line.startswith(b"#"):
             return line
@@ -145,14 +145,14 @@ def _first_line(head: bytes) -> bytes:
 
 
 def looks_like(head: bytes, size: int) -> bool:
-    """Whether a file begins with a line of two or four decimal numbers, after comments."""
+    """Return whether a file begins with a line of two or four decimal numbers, after comments."""
     line = _first_line(head)
     return re.fullmatch(rb"\s*-?[\d.]+([ \t,]+-?[\d.]+)([ \t,]+-?[\d.]+[ \t,]+-?[\d.]+)?\s*", line) is not None
 
 
 def write(pieces: Pieces, path: Path) -> None:
     """Write lines `x y t p` after comments that state sensor size, order and time range."""
-    with headed(path, pieces, _header) as file:
+    with file_with_header(path, pieces, _header) as file:
         for events in pieces:
             table = np.column_stack((events.x, events.y, events.t, events.p))
             for start in range(0, len(table), 1 << 16):

@@ -1,4 +1,4 @@
-"""Events on their way into a file: pieces that are checked while they pass, and headers that describe all of them."""
+"""Pieces of events that are checked while they are written, and headers that describe all of them."""
 
 from __future__ import annotations
 
@@ -10,27 +10,31 @@ from pathlib import Path
 from typing import IO
 
 from nvsdata.data.events import LATEST, Events
-from nvsdata.data.samples import is_bare
+from nvsdata.data.samples import is_empty
 
 _TIME = re.compile(r"[#%] nvsdata time +(-?\d+) to +(-?\d+) us")
 
 
 class Pieces:
-    """Pieces of a stream of events, to be iterated over once; pieces with nothing in them are left out.
+    """Pieces of a stream of events, to be iterated over once. Empty pieces are left out.
 
-    - `sensor_size`: (width, height) of the first piece, empty or not
-    - `start`, `end`, `count`: beginning and end in µs of the pieces so far, and the number of their events
-    - `last`: the last piece with events so far; None before the first
+    Attributes:
+        sensor_size: (width, height) of the first piece, even if it is empty.
+        start: Start in µs of the pieces so far.
+        end: End in µs of the pieces so far.
+        count: Number of events so far.
+        last: The last piece with events so far; None before the first.
 
-    ValueError at once for no piece at all; during iteration for pieces of different sensors, out of order, or with
-    times at or beyond 2^62 µs.
+    Raises:
+        ValueError: If there is no piece; during iteration, if pieces are of different sensors, out of order, or have
+            times at or beyond 2^62 µs.
     """
 
     def __init__(self, pieces: Iterable[Events]) -> None:
         self._waiting = iter(pieces)
         first = next(self._waiting, None)
         if first is None:
-            raise ValueError("can't write no piece of events: not even an empty one states the sensor")
+            raise ValueError("there are no pieces to write; at least an empty one must state the sensor")
         self._waiting = chain((first,), self._waiting)
         self.sensor_size, self.start, self.end = first.sensor_size, first.start, first.end
         self.count = 0
@@ -41,16 +45,16 @@ class Pieces:
             if piece.sensor_size != self.sensor_size:
                 raise ValueError(f"pieces of different sensors: {self.sensor_size} and {piece.sensor_size}")
             self.end = max(self.end, piece.end)
-            if is_bare(piece):
+            if is_empty(piece):
                 continue
             if len(piece):
                 self._check(piece)
             yield piece
 
     def _check(self, piece: Events) -> None:
-        """Check a piece against those before it, and note it."""
+        """Compare a piece with those before it, and count it."""
         if not -LATEST < piece.t[0] <= piece.t[-1] < LATEST:
-            raise ValueError(f"times from {piece.t[0]} to {piece.t[-1]} µs: files hold those below 2^62 only")
+            raise ValueError(f"times from {piece.t[0]} to {piece.t[-1]} µs: files support times below 2^62 only")
         if self.last is not None and piece.t[0] < self.last.t[-1]:
             raise ValueError(f"a piece begins at {piece.t[0]} µs, but the one before it ends at {self.last.t[-1]} µs")
         self.start, self.end = min(self.start, int(piece.t[0])), max(self.end, int(piece.t[-1]))
@@ -59,10 +63,10 @@ class Pieces:
 
 
 @contextmanager
-def headed(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Iterator[IO[bytes]]:
-    """A new file that begins with `header`, for the block to write the pieces to.
+def file_with_header(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Iterator[IO[bytes]]:
+    """Create a file that begins with `header`; the block writes the pieces to it.
 
-    The header is written again at the end, when the pieces have passed, so its length must not change.
+    The header is written again at the end, when all pieces are known, so its length must not change.
     """
     with path.open("wb") as file:
         begin = header(pieces)
@@ -75,7 +79,7 @@ def headed(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Ite
 
 
 def time_comment(pieces: Pieces, mark: str = "#") -> str:
-    """A comment line of a header, without line end, that states the time range of the pieces.
+    """Return a comment line of a header, without line end, that states the time range of the pieces.
 
     Its length doesn't depend on the numbers, because these are known only at the end.
     """
@@ -83,5 +87,5 @@ def time_comment(pieces: Pieces, mark: str = "#") -> str:
 
 
 def stated_time(lines: Iterable[str]) -> tuple[int, int] | None:
-    """The first and last moment in µs that a header's `time_comment` states; None if there is no such line."""
+    """Return the first and last moment in µs that a header's `time_comment` states; None if there is no such line."""
     return next(((int(m[1]), int(m[2])) for line in lines if (m := _TIME.fullmatch(line.rstrip()))), None)

@@ -20,6 +20,10 @@ class Calibration(NamedTuple):
         confidence: Mean confidence in each bin, float64 [bins]; NaN if the bin is empty.
         accuracy: Accuracy in each bin, float64 [bins]; NaN if the bin is empty.
         error: Expected calibration error: the mean of |accuracy - confidence| over bins, weighted by `counts`.
+
+    Example:
+        >>> calibration([0.9, 0.9], [1, 1], bins=2).counts.tolist()
+        [0, 2]
     """
 
     counts: np.ndarray

@@ -37,6 +37,11 @@ class Distance:
         empty_emulated: Number of frames without emulated spikes.
         empty_real: Number of frames without real spikes.
         bound: Largest possible difference between `value` and the exact distance (default 0.0: `value` is exact).
+
+    Example:
+        >>> real = Events([0, 10], [0, 3], [1, 1], [1, 0], (4, 4))
+        >>> float(chamfer(real, real))
+        0.0
     """
 
     value: float
@@ -62,6 +67,11 @@ class Comparison:
         repeatability_back: Epsilon repeatability of real spikes.
         emulated_events: Numbers of emulated OFF and ON events in the time that both sequences cover.
         real_events: The same numbers of real events.
+
+    Example:
+        >>> real = Events([0, 10], [0, 3], [1, 1], [1, 0], (4, 4))
+        >>> compare(real, real).emulated_events
+        (1, 1)
     """
 
     chamfer: Distance

@@ -11,7 +11,7 @@ import torch
 
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
-from nvsdata.data.recording import Recording, as_events, misplaced
+from nvsdata.data.recording import Recording, as_events, wrong_type
 from nvsdata.plots.axes import LINES, new_figure, rendered, style_axes
 from nvsdata.plots.drawing import event_image, middle
 
@@ -68,7 +68,7 @@ def plot(thing: Any, kind: str | None = None, ax: Axes | None = None) -> Axes:
     elif isinstance(thing, torch.Tensor | np.ndarray) and thing.ndim >= 2:
         draw = _tensor
     else:
-        raise misplaced("events, a graph or a tensor of at least two axes", thing)
+        raise wrong_type("events, a graph or a tensor of at least two axes", thing)
     axes = _axes("3d" if draw is _cloud else None) if ax is None else ax
     draw(axes, thing)
     return axes

@@ -249,7 +249,7 @@ def _pieces(
     watch: Callable[[RecordingReport, Events], None],
 ) -> Iterator[Events]:
     """Yield the camera's events, from the reset of its clock until `last` µs of its time."""
-    yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)
+    yield Piece.of_camera(Events.empty((decoder.width, decoder.height)), about=report.about)
     for piece, triggers in decoder.decoded(_blocks(camera, decoder, reader, report), last):
         report.events += len(piece)
         if len(piece):

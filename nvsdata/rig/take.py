@@ -15,7 +15,7 @@ from nvsdata.batch.folder import Video, sha256
 from nvsdata.common.files import remove_link
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import MICROSECONDS
-from nvsdata.data.pieces import cut
+from nvsdata.data.pieces import cut_pieces
 from nvsdata.data.recording import Recording
 from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import RecordingReport
@@ -111,7 +111,7 @@ def trim(take: ScreenRecording, video: Video, inspector: Inspector) -> dict[str,
     target = video.target
     target.parent.mkdir(parents=True, exist_ok=True)
     remove_link(target)
-    formats.write(cut(recording, *span, every=PIECE), target, format=video.format)
+    formats.write(cut_pieces(recording, *span, every=PIECE), target, format=video.format)
     return {
         "recording": target.stat().st_size,
         "recording_sha256": sha256(target),

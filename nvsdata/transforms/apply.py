@@ -11,7 +11,7 @@ import torch
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
-from nvsdata.data.recording import Recording, as_events, misplaced
+from nvsdata.data.recording import Recording, as_events, wrong_type
 
 Change = Callable[[Any], Any]
 """Function that changes one part of a sample: `Events`, a graph, an image, or `Boxes`."""
@@ -65,7 +65,7 @@ def check_sample(sample: Any, *, graphs: bool = False, images: bool = False) -> 
     if isinstance(sample, taken) or (images and isinstance(sample, torch.Tensor) and sample.ndim >= 2):
         return
     others = ("a tensor [..., H, W], " if images else "") + ("a Graph, " if graphs else "")
-    raise misplaced(f"{others}Events, a Recording or a list of them", sample)
+    raise wrong_type(f"{others}Events, a Recording or a list of them", sample)
 
 
 def decoded(sample: Any) -> tuple[Any, list[Events]]:

@@ -11,7 +11,7 @@ import torch
 
 from nvsdata.common import validation
 from nvsdata.data.boxes import Boxes
-from nvsdata.data.recording import misplaced
+from nvsdata.data.recording import wrong_type
 from nvsdata.transforms.apply import size_of, with_boxes
 from nvsdata.transforms.compose import is_deterministic
 
@@ -66,7 +66,7 @@ class WithBoxes:
             )
         size = size_of(sample)
         if size is None:
-            raise misplaced("Events, a Recording or an image", sample)
+            raise wrong_type("Events, a Recording or an image", sample)
         sample, moved = with_boxes(self.transform, sample, Boxes.of(target["boxes"], size))
         count = len(target["boxes"])
         kept = {name: value if name in OF_IMAGE else _kept(value, moved, count) for name, value in target.items()}

@@ -8,7 +8,7 @@ from typing import Any
 
 from nvsdata.common import validation
 from nvsdata.data.boxes import Boxes
-from nvsdata.data.recording import misplaced
+from nvsdata.data.recording import wrong_type
 from nvsdata.transforms.apply import boxes_part_ways, with_boxes
 from nvsdata.transforms.rng import randint, uniform
 
@@ -197,5 +197,5 @@ def _note(error: Exception, number: int, transform: Any, sample: Any) -> None:
 
 def _listed(samples: Any) -> Sequence[Any]:
     if not isinstance(samples, list | tuple):
-        raise misplaced("a list, such as RandomWindows returns", samples)
+        raise wrong_type("a list, such as RandomWindows returns", samples)
     return samples

@@ -26,7 +26,7 @@ from nvsdata import Events, models
 from nvsdata import transforms as T
 from nvsdata.common.files import put
 from nvsdata.common.text import aligned
-from nvsdata.data.events import together
+from nvsdata.data.events import concatenate_events
 from nvsdata.datasets import NMNIST
 from nvsdata.training.objects import Objects
 from nvsdata.transforms.events.sampling import BETA, LITERAL_BETA
@@ -146,7 +146,7 @@ def long(count: int, *, causal: bool) -> Row:
         if part:
             peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     taken = time.perf_counter() - started
-    last = together(list(kept)).window(int(kept[-1].t[-1]) - WINDOW + 1, None)
+    last = concatenate_events(list(kept)).window(int(kept[-1].t[-1]) - WINDOW + 1, None)
     fresh = models.stream(network, WINDOW, graph)
     fresh.feed(last)
     return {

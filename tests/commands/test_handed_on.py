@@ -152,7 +152,7 @@ def test_a_reader_that_leaves_ends_a_command_with_1(monkeypatch, tmp_path):
 def test_a_page_has_the_frames_up_to_its_last_event(tmp_path, monkeypatch):
     frames = [Frame(t, t, t, t, 0, 0, np.zeros((2, 2), np.uint16)) for t in (4, 5, 9, 10)]
     events = Events([5, 9], [0, 1], [0, 1], [1, 0], (4, 4))
-    nvsdata.write(Piece.beside(events, frames), tmp_path / "a.h5")
+    nvsdata.write(Piece.of_camera(events, frames), tmp_path / "a.h5")
     drawn = []
 
     def page(events, name, frames, window):

@@ -118,7 +118,7 @@ def test_compare_uses_30_frames_per_second_and_no_offset(two, tmp_path, capsys, 
 def test_convert_tells_how_many_events_and_what_is_left_out(tmp_path, capsys):
     n = np.arange(1_234)
     ev = Events(n, n % 8, n % 7, n % 2, (8, 8))
-    nvsdata.write(Piece.beside(ev, [Frame(1, 2, 3, 4, 0, 0, np.zeros((2, 2), np.uint16))]), tmp_path / "a.h5")
+    nvsdata.write(Piece.of_camera(ev, [Frame(1, 2, 3, 4, 0, 0, np.zeros((2, 2), np.uint16))]), tmp_path / "a.h5")
     assert main(["convert", str(tmp_path / "a.h5"), str(tmp_path / "b.txt")]) == 0
     out, err = capsys.readouterr()
     assert out == f"1,234 events in {tmp_path / 'b.txt'}\n"

@@ -153,7 +153,7 @@ def test_a_window_without_the_recording_writes_nothing_and_says_why(file, tmp_pa
         assert main(["view", str(file), *window]) == 1
         err = capsys.readouterr().err
         assert f"{file}: the window [" in err
-        assert "its events lie at 1000000000000 to 1000000299000 µs" in err
+        assert "the file's are at 1000000000000 to 1000000299000 µs" in err
         assert ("--relative counts from the first" in err) is ("--relative" not in window)
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
     assert main(["view", str(file), "a.png", "--relative", "--start", "10000", "--stop", "30000"]) == 0
@@ -167,4 +167,4 @@ def test_a_recording_of_unknown_span_is_asked_for_it(tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.bin").write_bytes(trees.atis(trees.some(1, first=1_000_000)))
     assert main(["view", "a.bin", "--stop", "5"]) == 1
-    assert "a.bin: the window [, 5) holds nothing" in capsys.readouterr().err
+    assert "a.bin: the window [, 5) has no events" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from counting_work import PROCESS, bytes_read
 import nvsdata
 from nvsdata import EventFolder, Events
 from nvsdata.datasets.store.writer import pack
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 from nvsdata.formats.contents import PIECE
 
 if not PROCESS.exists():
@@ -79,8 +79,8 @@ def files(tmp_path_factory):
         return made[kind, n]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kept_index, "LEAST", 1_000)
-        patch.setattr(kept_index, "SETTLED_NS", 0)
+        patch.setattr(index_cache, "LEAST", 1_000)
+        patch.setattr(index_cache, "SETTLED_NS", 0)
         yield path
 
 
@@ -158,11 +158,11 @@ def test_the_first_window_takes_few_bytes_of_each_block(files, kind):
 @pytest.mark.parametrize("kind", ["atis", "evt2", "evt2.1", "evt3"])
 def test_a_kept_index_saves_the_walk_over_the_file(files, kind):
     path = files(kind)
-    kept = kept_index.path_of(str(path)).stat().st_size
+    kept = index_cache.path_of(str(path)).stat().st_size
     recording = nvsdata.open(path, sensor_size=SIZE)
     # numpy reads the ends of its archive again; some entries are compared with two blocks each
     each = path.stat().st_size / N * KINDS[kind].block
-    compared = 2 * each * (kept_index.COMPARED + 2)
+    compared = 2 * each * (index_cache.COMPARED + 2)
     assert taken(recording, 0, 100) <= bound(kind, path, 100) + 2 * kept + 4096 + compared
 
 

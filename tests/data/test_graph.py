@@ -165,7 +165,7 @@ def test_edges_are_grouped_by_their_target():
     for wrong, nodes, message in (
         (u[:3], 4, "edge_attr has 3 rows for 4 edges"),
         (u, 3, "edge_index names nodes from 0 to 3; there are 3"),
-        (u / 0, 4, "edge_attr holds numbers that are not finite"),
+        (u / 0, 4, "edge_attr has numbers that are not finite"),
     ):
         with pytest.raises(ValueError, match=f"^{message}$"):
             grouped(edges, wrong, nodes)

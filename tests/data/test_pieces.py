@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from nvsdata import Events, FormatError
-from nvsdata.data.pieces import cut, in_pieces, later
-from nvsdata.data.recording import Recording, anomalies_of, as_events, misplaced
-from nvsdata.data.samples import Frame, Inertial, Piece, Triggers, is_bare, within, without_samples
-from nvsdata.data.views import FlippedY, Mapped, Run, Scaled, Slice
+from nvsdata.data.pieces import about_from, cut_pieces, in_pieces
+from nvsdata.data.recording import Recording, anomalies_of, as_events, wrong_type
+from nvsdata.data.samples import Frame, Inertial, Piece, Triggers, is_empty, within, without_samples
+from nvsdata.data.views import EventRange, FlippedY, Mapped, Scaled, Slice
 
 
 def at(times, **options):
@@ -103,7 +103,7 @@ def test_the_last_time_there_is():
 
 
 def test_a_cut_counts_from_its_start():
-    pieces = list(cut(FULL, 10, 31, 10))
+    pieces = list(cut_pieces(FULL, 10, 31, 10))
     assert [piece.t.tolist() for piece in pieces] == [[0, 9], [10, 10, 19], [20]]
     assert [(piece.start, piece.end) for piece in pieces] == [(0, 9), (10, 19), (20, 20)]
     assert [[(f.start, f.exposure_start, f.exposure_end, f.end) for f in piece.frames] for piece in pieces] == [
@@ -113,8 +113,8 @@ def test_a_cut_counts_from_its_start():
     ]
     assert [piece.inertial.t.tolist() for piece in pieces] == [[4, 5], [], []]
     assert [piece.about for piece in pieces] == [{"serial": "7", "started": "2024-05-01T10:00:00.000010"}, {}, {}]
-    assert [type(piece) for piece in cut(Bare(FULL.events), 10, 31, 10)] == [Events] * 3
-    assert [piece.t.tolist() for piece in cut(Full(at([0, 1_000_000, 2_000_000])), 0, 2_000_001)] == [
+    assert [type(piece) for piece in cut_pieces(Bare(FULL.events), 10, 31, 10)] == [Events] * 3
+    assert [piece.t.tolist() for piece in cut_pieces(Full(at([0, 1_000_000, 2_000_000])), 0, 2_000_001)] == [
         [0],
         [1_000_000],
         [2_000_000],
@@ -133,7 +133,7 @@ def test_a_cut_counts_from_its_start():
     ],
 )
 def test_when_a_cut_began(about, expected):
-    assert later(about, 2_500_000) == expected
+    assert about_from(about, 2_500_000) == expected
 
 
 def test_a_slice_lasts_from_its_bounds():
@@ -163,7 +163,7 @@ def test_a_slice_lasts_from_its_bounds():
 
 @pytest.mark.parametrize(("skip", "count"), [(0, 3), (2, 3), (5, 9), (7, 1), (0, 0)])
 def test_a_run_is_some_events_of_a_recording(skip, count):
-    run = Run(Bare(FULL.events), skip, count)
+    run = EventRange(Bare(FULL.events), skip, count)
     expected = FULL.events.t.tolist()[skip : skip + count]
     assert run.read().t.tolist() == expected
     assert run.span == ((expected[0], expected[-1]) if expected else (0, 0))
@@ -255,8 +255,8 @@ def test_steps_back_and_duplicates_are_counted(t, x, back, twins):
 def test_what_was_given_in_place_of_events_is_told():
     given = {"int": 5, "a list of int": [5], "list": [], "a tuple of str": ("a",), "ndarray [2, 3]": np.zeros((2, 3))}
     for words, value in given.items():
-        message = f"it takes bread, but was given {words}: are the steps in the right order?"
-        assert str(misplaced("bread", value)) == message
+        message = f"it takes bread, but was given {words}: check the order of the transforms"
+        assert str(wrong_type("bread", value)) == message
     with pytest.raises(TypeError, match="it takes Events or a Recording, but was given NoneType:"):
         as_events(None)
     assert as_events(FULL.events) is FULL.events
@@ -293,19 +293,19 @@ def test_without_bounds_is_all_the_time_there_is():
 
 def test_a_piece_is_bare_without_anything():
     none, some = Events.empty((4, 3), 5, 9), at([5])
-    assert Piece.beside(none).bare
-    assert is_bare(Piece.beside(none))
-    assert is_bare(none)
-    assert not is_bare(some)
+    assert Piece.of_camera(none).is_empty
+    assert is_empty(Piece.of_camera(none))
+    assert is_empty(none)
+    assert not is_empty(some)
     for piece in (
-        Piece.beside(some),
-        Piece.beside(none, [frame(5)]),
-        Piece.beside(none, (), inertial([5])),
-        Piece.beside(none, (), None, {"serial": "7"}),
+        Piece.of_camera(some),
+        Piece.of_camera(none, [frame(5)]),
+        Piece.of_camera(none, (), inertial([5])),
+        Piece.of_camera(none, (), None, {"serial": "7"}),
     ):
-        assert not piece.bare
-        assert not is_bare(piece)
-    piece = Piece.beside(at([5], start=2, end=9), [frame(5)])
+        assert not piece.is_empty
+        assert not is_empty(piece)
+    piece = Piece.of_camera(at([5], start=2, end=9), [frame(5)])
     assert (piece.start, piece.end, piece.sensor_size, piece.t.tolist()) == (2, 9, (4, 3), [5])
     plain = without_samples(piece)
     assert type(plain) is Events

@@ -127,8 +127,8 @@ def test_batches_without_ptr_and_graphs_in_a_batch_of_one():
 
 
 WRONG = {
-    "no pos": ({"pos": None}, "a graph needs x, pos, edge_index; this Data lacks pos"),
-    "no pos and edges": ({"pos": None, "edge_index": None}, "lacks pos and edge_index"),
+    "no pos": ({"pos": None}, "a graph needs x, pos, edge_index; this Data has no pos"),
+    "no pos and edges": ({"pos": None, "edge_index": None}, "has no pos and edge_index"),
     "three coordinates": (
         {"pos": torch.zeros(5, 3)},
         r"x and pos must be .*belong in t.* \[5, 1\] and \[5, 3\]",
@@ -137,9 +137,9 @@ WRONG = {
     "seconds": ({"t": torch.zeros(5)}, r"t must be whole µs, \[5\], not torch.float32"),
     "edges turned": ({"edge_index": torch.zeros(7, 2, dtype=torch.int64)}, r"edge_index must be int64 \[2, E\]"),
     "no such node": ({"edge_index": torch.tensor([[0], [5]])}, "names nodes from 0 to 5; there are 5"),
-    "distances": ({"edge_attr": torch.zeros(3, 1)}, r"pseudo-coordinates \[3, 2\], not \[3, 1\]; without edge_attr"),
-    "tensor of reach": ({"reach": torch.ones(2)}, "reach must be numbers or words, not a tensor"),
-    "no x": ({"x": None}, "this Data lacks x$"),
+    "distances": ({"edge_attr": torch.zeros(3, 1)}, r"pseudo-coordinates \[3, 2\], not \[3, 1\]; remove edge_attr"),
+    "tensor of reach": ({"reach": torch.ones(2)}, "reach must be numbers or strings, not a tensor"),
+    "no x": ({"x": None}, "this Data has no x$"),
     "more positions than nodes": ({"pos": torch.zeros(6, 2)}, r"not \[5, 1\] and \[6, 2\]$"),
     "fewer positions than nodes": ({"pos": torch.zeros(4, 2)}, r"not \[5, 1\] and \[4, 2\]$"),
     "a time too few": ({"t": torch.zeros(4, dtype=torch.int64)}, r"t must be whole µs, \[5\], not torch.int64 \[4\]$"),
@@ -151,7 +151,7 @@ WRONG = {
         {"edge_attr": torch.zeros(3, 2), "reach": (3.0, 3.0, 9.0)},
         r"pseudo-coordinates \[3, 3\], not \[3, 2\]",
     ),
-    "several graphs": ({"batch": torch.zeros(5, dtype=torch.int64)}, "GraphBatch.from_pyg takes"),
+    "several graphs": ({"batch": torch.zeros(5, dtype=torch.int64)}, "use GraphBatch.from_pyg"),
 }
 
 
@@ -166,9 +166,9 @@ def test_what_is_wrong_is_named(name):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"batch": [1, 0, 0, 0, 0]}, "batch must be the rising numbers"),
-        ({"batch": [0, 0]}, r"batch must be the rising numbers of the nodes' graphs, \[5\]$"),
-        ({"batch": [-1, 0, 0, 0, 1]}, "batch must be the rising numbers"),
+        ({"batch": [1, 0, 0, 0, 0]}, "batch must be the numbers"),
+        ({"batch": [0, 0]}, r"batch must be the numbers of the nodes' graphs in ascending order, \[5\]$"),
+        ({"batch": [-1, 0, 0, 0, 1]}, "batch must be the numbers"),
         ({"pseudo": ["abs", "signed"]}, r"graphs of different pseudo in one batch: \['abs', 'signed'\]$"),
         ({"batch": [0, 0, 0, 1, 1]}, "edges from one graph to another"),
         ({"reach": [(3.0, 3.0), (4.0, 4.0)]}, "graphs of different reach in one batch"),

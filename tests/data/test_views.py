@@ -71,7 +71,7 @@ def test_views_have_the_frames_and_samples_of_what_they_show(tmp_path):
     frames = [Frame(t, t, t + 5, t + 9, 0, 0, np.full((2, 3), t, np.uint16)) for t in (10, 40, 70)]
     times = np.arange(0, 90, 10)
     inertial = Inertial(times, np.zeros((9, 3), np.float32), np.zeros((9, 3), np.float32), np.zeros(9, np.float32))
-    piece = Piece.beside(Events([5, 50], [1, 1], [1, 1], [0, 1], (4, 4)), frames, inertial, {"serial": "7"})
+    piece = Piece.of_camera(Events([5, 50], [1, 1], [1, 1], [0, 1], (4, 4)), frames, inertial, {"serial": "7"})
     nvsdata.write(piece, tmp_path / "a.h5")
     whole = nvsdata.open(tmp_path / "a.h5")
     mapped, cut = Mapped(whole, lambda events: events), Slice(whole, 20, 60)

@@ -7,7 +7,7 @@ from clips import moving_square, write_video
 
 import nvsdata
 from nvsdata import PIX2NVS, FormatError
-from nvsdata.data.pieces import cut
+from nvsdata.data.pieces import cut_pieces
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import DVS
 from nvsdata.emulation.convert import convert_videos
@@ -52,7 +52,7 @@ def test_what_is_cut_or_written_again_keeps_them(converted, tmp_path):
     nvsdata.write(recording, tmp_path / "b.h5")
     assert nvsdata.open(tmp_path / "b.h5").about["emulator"] == recording.about["emulator"]
     assert np.array_equal(nvsdata.open(tmp_path / "b.h5").frame_times, recording.frame_times)
-    nvsdata.write(cut(recording, 100_000, 300_000, every=50_000), tmp_path / "c.h5")
+    nvsdata.write(cut_pieces(recording, 100_000, 300_000, every=50_000), tmp_path / "c.h5")
     part = nvsdata.open(tmp_path / "c.h5")
     assert part.frame_times.tolist() == [50_000 * n - 100_000 for n in range(12)]
     assert len(part.between_frames(2, 5)) == len(recording.between_frames(2, 5))
@@ -62,7 +62,7 @@ def test_a_cameras_own_frames_have_times_too(tmp_path):
     pixels = np.zeros((5, 5), np.uint16)
     frames = [Frame(t, t, t + 1_000, t + 1_000, 0, 0, pixels) for t in (10_000, 20_000)]
     events = nvsdata.Events([5_000, 10_500, 12_000, 20_500, 20_501], [1] * 5, [1] * 5, [1] * 5, (5, 5))
-    nvsdata.write(iter([Piece.beside(events, frames)]), tmp_path / "a.h5")
+    nvsdata.write(iter([Piece.of_camera(events, frames)]), tmp_path / "a.h5")
     recording = nvsdata.open(tmp_path / "a.h5")
     assert recording.frame_times.tolist() == [10_500, 20_500]
     assert recording.between_frames(0).t.tolist() == [12_000, 20_500]
@@ -86,7 +86,7 @@ def test_a_whole_video_takes_times_as_a_stream_does(emulator):
     times = [7_000, 9_000, 40_000, 41_000, 90_000, 10**9]
     events = emulator.emulate(frames, times=iter(times))
     pieces = list(emulator.stream(frames, times=times))
-    assert events == nvsdata.data.events.together(pieces)
+    assert events == nvsdata.data.events.concatenate_events(pieces)
     assert (events.start, events.end) == (7_000, 10**9)
     assert len(events)
     assert emulator.emulate(frames, times=[20_000 * n for n in range(6)]) == emulator.emulate(frames, fps=50)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from clips import moving_square, write_video
 
-from nvsdata.data.events import together
+from nvsdata.data.events import concatenate_events
 from nvsdata.emulation import DVS, PIX2NVS, StatefulEmulator
 
 SETTINGS = [
@@ -29,7 +29,7 @@ def test_parts_are_the_whole(settings, cuts):
         parts.append(going.feed(frames[start:stop], fps=25))
         # another process goes on
         going = pickle.loads(pickle.dumps(going))
-    assert together(parts) == whole
+    assert concatenate_events(parts) == whole
     assert len(whole) > 100
     assert parts[-1].end == whole.end
 
@@ -39,7 +39,7 @@ def test_times_of_ones_own(tmp_path):
     going = StatefulEmulator(PIX2NVS())
     parts = [going.feed(frames[:4], times=times[:4]), going.feed(frames[4:], times=times[4:])]
     expected = list(PIX2NVS().stream(frames, times=times))
-    assert together(parts) == together(expected)
+    assert concatenate_events(parts) == concatenate_events(expected)
     with pytest.raises(ValueError, match="times must rise"):
         going.feed(frames[:1], times=[90_000])
 
@@ -54,7 +54,7 @@ def test_files_follow_each_other(tmp_path):
     assert (parts[0].end, parts[1].start, parts[1].end) == (250_000, 250_000, 550_000)
     whole = PIX2NVS().emulate(tmp_path / "all.avi")
     # JPEG codes each picture alone, so they are the same
-    assert np.array_equal(together(parts).t, whole.t)
+    assert np.array_equal(concatenate_events(parts).t, whole.t)
 
 
 def test_calls_without_frames():
@@ -78,4 +78,6 @@ def test_after_an_error_the_state_is_that_before_the_call():
     first = going.feed(frames[:2], fps=25)
     with pytest.raises(OSError, match="the disk is gone"):
         going.feed(broken(), fps=25)
-    assert together([first, going.feed(frames[2:], fps=25)]) == PIX2NVS(noise_rate=10.0).emulate(frames, fps=25)
+    assert concatenate_events([first, going.feed(frames[2:], fps=25)]) == PIX2NVS(noise_rate=10.0).emulate(
+        frames, fps=25
+    )

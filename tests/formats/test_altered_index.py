@@ -4,20 +4,20 @@ import os
 
 import numpy as np
 import pytest
-from test_kept_index import about, every, made, small, untold  # noqa: F401
+from test_index_cache import about, every, made, small, untold  # noqa: F401
 
 import nvsdata
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 
 
 def altered(path, change):
     """Keep the file's index with its arrays changed by somebody who knows how it is kept, checksum and all."""
-    index = kept_index.path_of(str(path))
+    index = index_cache.path_of(str(path))
     with np.load(index) as kept:
         about = bytes(kept["about"])
         arrays = {name: kept[name].copy() for name in kept.files if name not in ("about", "crc")}
     change(arrays)
-    crc = np.array(kept_index._checksum(arrays))
+    crc = np.array(index_cache._checksum(arrays))
     with index.open("wb") as file:
         np.savez(file, about=np.frombuffer(about, np.uint8), crc=crc, **arrays)
 
@@ -81,14 +81,14 @@ def test_an_altered_index_changes_nothing(tmp_path, kind, change, seed):
 def test_an_index_that_a_window_finds_altered_is_replaced(tmp_path, monkeypatch, kind):
     path, ev = made(kind, tmp_path)
     nvsdata.read(path, 0, 10)
-    whole = kept_index.path_of(str(path)).read_bytes()
+    whole = index_cache.path_of(str(path)).read_bytes()
     altered(path, one_state)
     # of the entries that are compared at random, none
-    monkeypatch.setattr(kept_index, "some_of", lambda count: np.arange(0))
+    monkeypatch.setattr(index_cache, "entries_to_compare", lambda count: np.arange(0))
     times = nvsdata.open(path).blocks.times
     start = int(times[len(times) // 2]) + 1
     assert nvsdata.read(path, start, start + 30_000) == ev.window(start, start + 30_000)
-    assert kept_index.path_of(str(path)).read_bytes() == whole
+    assert index_cache.path_of(str(path)).read_bytes() == whole
 
 
 def hide_packets(arrays):
@@ -127,7 +127,7 @@ def test_an_altered_index_of_packets_changes_nothing(tmp_path, change):
 def test_a_link_in_the_place_of_an_index_is_neither_followed_nor_written_through(tmp_path, kind):
     path, ev = made(kind, tmp_path)
     nvsdata.read(path, 0, 10)
-    index = kept_index.path_of(str(path))
+    index = index_cache.path_of(str(path))
     mine = tmp_path / "thesis.tex"
     for content in (b"a text", index.read_bytes()):
         mine.write_bytes(content)
@@ -142,7 +142,7 @@ def test_a_link_in_the_place_of_an_index_is_neither_followed_nor_written_through
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes as POSIX has them")
 def test_a_pipe_and_a_folder_in_the_place_of_an_index(tmp_path):
     path, ev = made("evt3", tmp_path)
-    index = kept_index.path_of(str(path))
+    index = index_cache.path_of(str(path))
     os.mkfifo(index)
     assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
     index.unlink()
@@ -154,15 +154,15 @@ def test_a_pipe_and_a_folder_in_the_place_of_an_index(tmp_path):
 def test_a_huge_or_compressed_index_is_not_read(tmp_path, monkeypatch):
     path, ev = made("evt3", tmp_path)
     nvsdata.read(path, 0, 10)
-    index = kept_index.path_of(str(path))
+    index = index_cache.path_of(str(path))
     with np.load(index) as kept:
         arrays = {name: kept[name] for name in kept.files}
     # a few kB that become 80 MB
     np.savez_compressed(tmp_path / "bomb.npz", **arrays, more=np.zeros(10_000_000))
     (tmp_path / "bomb.npz").rename(index)
     loaded = []
-    monkeypatch.setattr(kept_index.np, "load", lambda *given, **how: loaded.append(1))
-    assert kept_index.restore(str(path), about(path)) is None
+    monkeypatch.setattr(index_cache.np, "load", lambda *given, **how: loaded.append(1))
+    assert index_cache.load_index(str(path), about(path)) is None
     with index.open("wb") as file:
         file.truncate(1 << 30)
     assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)

@@ -33,7 +33,7 @@ def test_any_bytes_decode_as_the_description_says(tmp_path, raw):
     damaged = np.flatnonzero(np.frombuffer(raw[1::5], np.uint8) > 240)
     assert recording.repairs.get("records of y above 240, dropped", 0) == damaged.size
     if damaged.size:
-        with pytest.raises(FormatError, match="is damage: events have y below 240") as caught:
+        with pytest.raises(FormatError, match="is damage, because events have y below 240") as caught:
             nvsdata.read(path)
         assert caught.value.offset == 5 * damaged[0]
     else:

@@ -8,9 +8,9 @@ import pytest
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 from nvsdata.formats.contents import most_bytes
-from nvsdata.formats.file_recording import integers, polarity
+from nvsdata.formats.file_recording import as_integers, as_polarity
 from nvsdata.formats.hdf5 import columns as hdf5_columns
 from nvsdata.formats.writing import Pieces, stated_time, time_comment
 
@@ -19,33 +19,33 @@ LAST = 2**62 - 1
 
 @pytest.mark.parametrize("kind", [bool, np.uint8, np.int8, np.int64, np.uint64, np.float32, np.float64])
 def test_whole_numbers_of_any_type(kind):
-    found = integers("a", "t", np.array([0, 1, 1], kind))
+    found = as_integers("a", "t", np.array([0, 1, 1], kind))
     assert found.tolist() == [0, 1, 1]
     assert found.dtype == {"b": np.uint8, "f": np.int64}.get(np.dtype(kind).kind, kind)
-    assert integers("a", "t", np.empty(0, kind)).size == 0
+    assert as_integers("a", "t", np.empty(0, kind)).size == 0
 
 
 @pytest.mark.parametrize("value", [LAST, -LAST, LAST + 1, -LAST - 1, 2**63 - 1, -(2**63)])
 def test_integers_up_to_2_to_the_62(value):
     column = np.array([3, value, 4])
     if abs(value) <= LAST:
-        assert integers("a", "t", column).tolist() == [3, value, 4]
+        assert as_integers("a", "t", column).tolist() == [3, value, 4]
     else:
-        with pytest.raises(FormatError, match=r"^a: variable holds numbers beyond 2\^62$"):
-            integers("a", "variable", column)
+        with pytest.raises(FormatError, match=r"^a: variable has numbers beyond 2\^62$"):
+            as_integers("a", "variable", column)
 
 
 @pytest.mark.parametrize("value", [0.5, -1e-9 - 1, np.nan, np.inf, -np.inf, 2.0**62, -(2.0**62)])
 def test_numbers_that_are_not_whole_or_too_far(value):
-    with pytest.raises(FormatError, match=r"^a: t holds numbers that aren't whole, or beyond 2\^62$"):
-        integers("a", "t", np.array([1.0, value]))
+    with pytest.raises(FormatError, match=r"^a: t has numbers that aren't whole, or beyond 2\^62$"):
+        as_integers("a", "t", np.array([1.0, value]))
     below = np.nextafter(2.0**62, 0)
-    assert integers("a", "t", np.array([-below, below])).tolist() == [-int(below), int(below)]
+    assert as_integers("a", "t", np.array([-below, below])).tolist() == [-int(below), int(below)]
 
 
 def test_polarities_of_either_sign():
-    assert polarity(np.array([-1, 0, 1, 2, -2], np.int8)).tolist() == [0, 0, 1, 2, -2]
-    assert polarity(np.array([0, 1, 255], np.uint8)).tolist() == [0, 1, 255]
+    assert as_polarity(np.array([-1, 0, 1, 2, -2], np.int8)).tolist() == [0, 0, 1, 2, -2]
+    assert as_polarity(np.array([0, 1, 255], np.uint8)).tolist() == [0, 1, 255]
 
 
 def test_how_far_files_may_inflate():
@@ -75,7 +75,7 @@ def test_bisection_ends_around_the_first_value_that_is_not_smaller(size):
     values = np.sort(np.random.default_rng(size).integers(0, size // 3 + 2, size))
     for value in (-1, 0, 1, size // 6, size // 3, size // 3 + 5):
         column = Listed(values)
-        lo, hi = hdf5_columns.narrowed(column, None, value)
+        lo, hi = hdf5_columns.bisected(column, None, value)
         assert 0 <= lo <= np.searchsorted(values, value) <= hi <= size
         assert hi - lo <= 512
         assert len(column.asked) <= max(size // 512, 1).bit_length()
@@ -150,13 +150,13 @@ def test_comments_that_state_times():
 @pytest.mark.parametrize(("ago", "kept"), [(2 * 10**9, True), (2 * 10**9 - 1, False), (-5, False)])
 def test_an_index_is_kept_once_two_seconds_have_passed(tmp_path, monkeypatch, ago, kept):
     now = 10**18
-    monkeypatch.setattr(kept_index.time, "time_ns", lambda: now)
+    monkeypatch.setattr(index_cache.time, "time_ns", lambda: now)
     monkeypatch.chdir(tmp_path)
     for path in ("a.raw", str(tmp_path / "b.raw")):
-        kept_index.keep(path, {"size": 1}, now - ago, {"times": np.arange(3)})
-        found = kept_index.restore(path, {"size": 1})
+        index_cache.save_index(path, {"size": 1}, now - ago, {"times": np.arange(3)})
+        found = index_cache.load_index(path, {"size": 1})
         assert (found is not None and found["times"].tolist()) == (kept and [0, 1, 2])
-        assert kept_index.restore(path, {"size": 2}) is None
+        assert index_cache.load_index(path, {"size": 2}) is None
     assert {path.name for path in tmp_path.iterdir()} == (
         {".a.raw.nvsdata-index", ".b.raw.nvsdata-index"} if kept else set()
     )

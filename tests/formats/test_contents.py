@@ -41,18 +41,18 @@ def test_any_bytes_are_read(opened):
 
 def test_a_piece_longer_than_the_kept_buffers(tmp_path, monkeypatch):
     monkeypatch.setattr(contents, "PIECE", 100)
-    monkeypatch.setattr(contents, "_ROOMS", [])
+    monkeypatch.setattr(contents, "_BUFFERS", [])
     raw = np.random.default_rng(0).integers(0, 256, LONG, np.uint8).tobytes()
     (tmp_path / "a").write_bytes(raw)
     found = Contents(str(tmp_path / "a"), raw[:HEAD])
-    found.let_go()
+    found.drop_head()
     for step, kept in ((99, 1), (100, 1), (101, 1)):
         assert b"".join(piece.tobytes() for piece in found.pieces(0, 1_000, step)) == raw[:1_000]
-        assert [room.size for room in contents._ROOMS] == [100] * kept
+        assert [room.size for room in contents._BUFFERS] == [100] * kept
     # two at a time have a buffer each
     for a, b in zip(found.pieces(0, 500, 50), found.pieces(500, 1_000, 50), strict=True):
         assert a.tobytes() + b.tobytes() in (raw[k : k + 50] + raw[k + 500 : k + 550] for k in range(0, 500, 50))
-    assert [room.size for room in contents._ROOMS] == [100, 100]
+    assert [room.size for room in contents._BUFFERS] == [100, 100]
 
 
 def test_samples_of_a_file_cut_meanwhile_name_the_first_missing_byte(tmp_path, monkeypatch):
@@ -125,7 +125,7 @@ def test_a_header_without_end_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(contents, "MOST_HEADER", 2 * HEAD)
     raw = b"#\n" * 4 * HEAD
     (tmp_path / "a").write_bytes(raw)
-    with pytest.raises(FormatError, match=f"a header of more than {2 * HEAD} bytes"):
+    with pytest.raises(FormatError, match=f"the header has more than {2 * HEAD} bytes"):
         Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#")
     raw = b"#\n" * HEAD + b"events"
     (tmp_path / "a").write_bytes(raw)

@@ -132,7 +132,7 @@ def test_sizes_in_headers_are_checked_as_sensor_size_is(tmp_path, kind, width, h
     path = tmp_path / f"a{kind}"
     text = [str(side) if side < 10**12 else "1" + 5_000 * "0" for side in (width, height)]
     path.write_bytes(header.replace(b"{w}", text[0].encode()).replace(b"{h}", text[1].encode()) + body)
-    with pytest.raises(FormatError, match="the header states no valid sensor size") as caught:
+    with pytest.raises(FormatError, match="the header states an invalid sensor size") as caught:
         nvsdata.open(path)
     assert str(path) in str(caught.value)
     assert nvsdata.read(path, sensor_size=(8, 8)).sensor_size == (8, 8)
@@ -143,7 +143,7 @@ def test_sizes_in_headers_are_checked_as_sensor_size_is(tmp_path, kind, width, h
 def test_the_size_in_aedat_4_is_checked_as_sensor_size_is(tmp_path):
     ev = Events([1, 2], [5, 6], [5, 5], [0, 1])
     (tmp_path / "a.aedat4").write_bytes(aedat4_bytes(ev, size=(0, 240)))
-    with pytest.raises(FormatError, match="the header states no valid sensor size"):
+    with pytest.raises(FormatError, match="the header states an invalid sensor size"):
         nvsdata.open(tmp_path / "a.aedat4")
 
 

@@ -141,7 +141,7 @@ def test_an_event_that_strayed_beyond_the_sight_of_windows_is_told(tmp_path):
     t[30_000] = 5_000
     path = tmp_path / "a.dat"
     path.write_bytes(b"% Version 2\n\0\x08" + np.stack([t, 0 * t], 1).astype("<u4").tobytes())
-    with pytest.raises(FormatError, match="strayed by more than 4096 records") as caught:
+    with pytest.raises(FormatError, match="displaced by more than 4096 records") as caught:
         nvsdata.read(path)
     assert caught.value.offset == 14 + 8 * 28_672
     repaired = nvsdata.open(path, strict=False)
@@ -347,7 +347,7 @@ def test_rows_that_atis_files_cannot_hold_are_told_or_dropped(tmp_path, monkeypa
             lambda recording: recording.read(5_300_000, 5_310_000),
         ]
         for read in reads:
-            with pytest.raises(FormatError, match="is damage: events have y below 240") as caught:
+            with pytest.raises(FormatError, match="is damage, because events have y below 240") as caught:
                 read(nvsdata.open(path, sensor_size=size))
             assert caught.value.offset == 5 * at[0]
         repaired = nvsdata.open(path, sensor_size=size, strict=False)

@@ -57,7 +57,7 @@ def test_what_is_written_is_read_or_refused(tmp_path, name, size):
         return
     for path in written_by(name, tmp_path):
         if size in TOO_LARGE.get(name, ()):
-            with pytest.raises(ValueError, match=r"up to (\d+x\d+|x|255)|holds x up to 255 and y up to 239"):
+            with pytest.raises(ValueError, match=r"up to (\d+x\d+|x|255)|supports x up to 255 and y up to 239"):
                 nvsdata.write(ev, path, format=name)
             assert not path.exists()
             continue

@@ -45,9 +45,8 @@ def test_times_that_a_reader_unwraps(tmp_path, suffix, parts):
         assert nvsdata.write(iter(pieces), path) == len(times)
         assert nvsdata.read(path).t.tolist() == times
     path.unlink()
-    only = (
-        "holds a first time below 2^32 - 1 µs and gaps below 2^31 µs only, of at most 5 minutes where its counter wraps"
-    )
+    gaps = "gaps below 2^31 µs only, of at most 5 minutes where its counter wraps"
+    only = f"supports a first time in [0, 2^32 - 1) µs and {gaps}"
     for times in UNFIT:
         pieces = [at(times)] if parts == 1 else [at([time]) for time in times]
         with pytest.raises(ValueError, match=r"2\^32 - 1") as caught:
@@ -95,7 +94,10 @@ def test_the_header_of_aedat_2_names_the_smallest_camera(tmp_path, size, camera)
 
 @pytest.mark.parametrize(
     ("stated", "reason"),
-    [(b"999x128", "states a sensor of 999x128, more than the 346x260 of its chip"), (b"0x12", "no valid sensor size")],
+    [
+        (b"999x128", "states a sensor of 999x128, more than the 346x260 of its chip"),
+        (b"0x12", "invalid sensor size"),
+    ],
 )
 def test_a_sensor_that_its_chip_has_no_room_for_is_refused(tmp_path, stated, reason):
     nvsdata.write(at([1_000, 2_000], (320, 240), 319, 239), tmp_path / "a.aedat")
@@ -111,9 +113,9 @@ def test_a_sensor_that_its_chip_has_no_room_for_is_refused(tmp_path, stated, rea
     [
         ("a.aedat", {}, [(347, 1), (1, 261)], "AEDAT 2.0 is written for sensors up to 346x260, not {}x{}"),
         ("a.aedat1", {}, [(129, 1), (1, 129)], "AEDAT 1.0 is written for sensors up to 128x128, not {}x{}"),
-        ("a.dat", {}, [(16_385, 1), (1, 16_385)], "Prophesee .dat holds coordinates up to 16383 only"),
+        ("a.dat", {}, [(16_385, 1), (1, 16_385)], "Prophesee .dat supports coordinates up to 16383 only"),
         *(
-            ("a.raw", {"format": f"evt{n}"}, [(2_049, 1), (1, 2_049)], f"EVT {n} holds coordinates up to 2047 only")
+            ("a.raw", {"format": f"evt{n}"}, [(2_049, 1), (1, 2_049)], f"EVT {n} supports coordinates up to 2047 only")
             for n in ("2", "3", "2.1")
         ),
     ],
@@ -144,7 +146,7 @@ def test_headers_and_times_of_evt(tmp_path, kind):
     time = b"% nvsdata time                 1000 to                 2000 us\n"
     assert (tmp_path / "a.raw").read_bytes().startswith(begin + b"% geometry 7x5\n" + time + b"% end\n")
     for times in ([-1], [limit], [0, limit]):
-        with pytest.raises(ValueError, match=rf"^times from {times[0]} to {times[-1]} µs: EVT [23]\.[01] holds those"):
+        with pytest.raises(ValueError, match=rf"^times from {times[0]} to {times[-1]} µs: EVT [23]\.[01] supports"):
             nvsdata.write(at(times), tmp_path / "b.raw", format=kind)
 
 
@@ -221,10 +223,10 @@ def test_bounds_of_atis(tmp_path):
         nvsdata.write(ev, path)
         assert nvsdata.read(path, sensor_size=ev.sensor_size) == ev
     for times in ([-1, 0], [0, 2**33]):
-        with pytest.raises(ValueError, match=r"^ATIS \.bin holds times from 0 to 8589934591 µs only$"):
+        with pytest.raises(ValueError, match=r"^ATIS \.bin supports times from 0 to 8589934591 µs only$"):
             nvsdata.write(at(times), path)
     for x, y in ((256, 1), (1, 240)):
-        with pytest.raises(ValueError, match=r"^ATIS \.bin holds x up to 255 and y up to 239 only$"):
+        with pytest.raises(ValueError, match=r"^ATIS \.bin supports x up to 255 and y up to 239 only$"):
             nvsdata.write(at([1], (300, 300), x, y), path)
 
 
@@ -238,7 +240,7 @@ def test_times_below_2_to_the_62_are_written_and_others_named(tmp_path, suffix):
         columns = at([0, 1]).columns._replace(t=np.array(wrong))
         with pytest.raises(ValueError, match="times from") as caught:
             nvsdata.write(Events.trusted(columns, (8, 8)), path)
-        assert str(caught.value) == f"times from {wrong[0]} to {wrong[1]} µs: files hold those below 2^62 only"
+        assert str(caught.value) == f"times from {wrong[0]} to {wrong[1]} µs: files support times below 2^62 only"
 
 
 @pytest.mark.parametrize("suffix", [".txt", ".aedat", ".dat", ".aedat3"])
@@ -250,7 +252,7 @@ def test_stated_times_hold_the_first_and_last_event_or_not(tmp_path, suffix, fir
     path.write_bytes(path.read_bytes().replace(stated, now))
     recording = nvsdata.open(path, strict=False)
     assert (recording.read().start, recording.read().end) == ((first, last) if fine else (10, 99))
-    left_out = {"times of beginning and end that don't hold the events, left out": 1}
+    left_out = {"times of start and end that don't contain the events, left out": 1}
     assert recording.repairs == ({} if fine else left_out)
     if fine:
         assert (nvsdata.read(path).start, nvsdata.read(path).end) == (first, last)
@@ -269,11 +271,11 @@ def test_stated_times_make_sense_or_not(tmp_path, first, last, fine):
     head = "# nvsdata events: x y t p, sorted, sensor 5x5\n"
     (tmp_path / "a.txt").write_text(f"{head}# nvsdata time {first} to {last} us\n")
     recording = nvsdata.open(tmp_path / "a.txt", strict=False)
-    left_out = {"times of beginning and end that make no sense, left out": 1}
+    left_out = {"invalid times of start and end, left out": 1}
     assert recording.repairs == ({} if fine else left_out)
     if fine:
         strict = nvsdata.open(tmp_path / "a.txt")
         assert (strict.start, strict.end) == (first, last)
     else:
-        with pytest.raises(FormatError, match=f"states that it lasts from {first} to {last} µs"):
+        with pytest.raises(FormatError, match=f"states invalid times of start and end: {first} to {last} µs"):
             nvsdata.open(tmp_path / "a.txt")

@@ -85,7 +85,7 @@ def test_a_missing_column_is_named(tmp_path):
     file = io.BytesIO()
     scipy.io.savemat(file, {"x": EV.x, "y": EV.y})
     (tmp_path / "a.mat").write_bytes(file.getvalue())
-    with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \['x', 'y'\]"):
+    with pytest.raises(FormatError, match=r"no variable 'ts'; the file has \['x', 'y'\]"):
         nvsdata.read(tmp_path / "a.mat")
 
 
@@ -111,7 +111,7 @@ def test_a_small_file_that_inflates_to_gigabytes_is_refused(tmp_path):
         elements = b"".join(struct.pack("<II", 15, len(body)) + body for body in bodies)
         (tmp_path / "a.mat").write_bytes(small[:128] + elements + small[128:])
         assert (tmp_path / "a.mat").stat().st_size < sum(sizes) / 900
-        with pytest.raises(FormatError, match=r"inflates too far: a file of .* is taken to hold 67108864 at most"):
+        with pytest.raises(FormatError, match=r"expands too far: a file of .* may expand to 67108864 at most"):
             nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE)
 
 
@@ -130,7 +130,7 @@ def test_times_from_2_to_the_62_are_refused(tmp_path, how, value):
     raw = matlab_bytes(EV, ts=times) if how == "v5" else hdf5_bytes(V73 | {"ts": {"data": times}}, MATLAB_73)
     (tmp_path / "a.mat").write_bytes(raw)
     for strict in (True, False):
-        with pytest.raises(FormatError, match=r"'t' holds numbers beyond 2\^62"):
+        with pytest.raises(FormatError, match=r"'t' has numbers beyond 2\^62"):
             nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE, strict=strict)
 
 

@@ -52,7 +52,7 @@ def test_classes_of_numbers_are_read_and_others_passed_over(tmp_path, category):
     if 6 <= category <= 15:
         assert read(tmp_path, *elements).t.tolist() == [5, 6, 7]
     else:
-        with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \['pol', 'x', 'y'\]"):
+        with pytest.raises(FormatError, match=r"no variable 'ts'; the file has \['pol', 'x', 'y'\]"):
             read(tmp_path, *elements)
 
 
@@ -101,11 +101,11 @@ def test_a_compressed_element_that_is_cut_short_or_damaged(tmp_path, size):
     begin = len(HEAD + b"".join(others()))
     if size == 8:
         assert read(tmp_path, *others(), packed).t.tolist() == [5, 6, 7]
-        for wrong, reason in ((body[:-1], "a compressed element that is cut short"), (b"what", "damaged compressed")):
+        for wrong, reason in ((body[:-1], "a compressed element is truncated"), (b"what", "damaged compressed")):
             with pytest.raises(FormatError, match=f"byte {begin}: {reason}"):
                 read(tmp_path, *others(), struct.pack("<II", 15, len(wrong)) + wrong)
     else:
-        with pytest.raises(FormatError, match=f"byte {begin}: a compressed element that is cut short"):
+        with pytest.raises(FormatError, match=f"byte {begin}: a compressed element is truncated"):
             read(tmp_path, *others(), packed)
 
 
@@ -116,11 +116,11 @@ def test_elements_inflate_to_the_bound_all_together(tmp_path, monkeypatch):
     for times in (1, 3):
         monkeypatch.setattr(matlab, "most_bytes", lambda size, times=times: times * len(column))
         assert read(tmp_path, *others("ts"), packed * times).t.tolist() == [5, 6, 7]
-        with pytest.raises(FormatError, match="inflates too far: a file of") as caught:
+        with pytest.raises(FormatError, match="expands too far: a file of") as caught:
             read(tmp_path, *others("ts"), packed * (times + 1))
         size = (tmp_path / "a.mat").stat().st_size
         assert caught.value.reason == (
-            f"inflates too far: a file of {size} bytes is taken to hold {times * len(column)} at most"
+            f"expands too far: a file of {size} bytes may expand to {times * len(column)} at most"
         )
         assert caught.value.offset == len(HEAD + b"".join(others("ts"))) + times * len(packed)
 
@@ -142,7 +142,7 @@ def test_fields_of_a_struct(tmp_path, length):
     # a struct within a struct is passed over
     inner = struct_of({"ts": matrix("", [1])}, 3)
     assert read(tmp_path, struct_of({"a": inner} | fields, length)).t.tolist() == [5, 6]
-    with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \['pol', 'x', 'y'\]"):
+    with pytest.raises(FormatError, match=r"no variable 'ts'; the file has \['pol', 'x', 'y'\]"):
         read(tmp_path, struct_of({name: fields[name] for name in ("x", "y", "pol")}, length))
 
 
@@ -185,7 +185,7 @@ def test_files_of_a_byte_order_or_beginning_that_is_not_read(tmp_path):
         with pytest.raises(FormatError, match="byte 124: not a little-endian MATLAB v5 file, or truncated"):
             nvsdata.read(tmp_path / "a.mat")
     (tmp_path / "a.mat").write_bytes(HEAD)
-    with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \[\]"):
+    with pytest.raises(FormatError, match=r"no variable 'ts'; the file has \[\]"):
         nvsdata.read(tmp_path / "a.mat")
 
 

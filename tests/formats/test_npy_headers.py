@@ -35,7 +35,7 @@ def test_headers_of_either_version(tmp_path, version):
     ("shape", "descr", "reason"),
     [
         ((2**48, 4), "<f8", f"an array of shape ({2**48}, 4)"),
-        ((2**48 - 1, 4), "<f8", f"truncated: {2**48 - 1} events, 1 are there"),
+        ((2**48 - 1, 4), "<f8", f"truncated: 1 of {2**48 - 1} events are there"),
         ((-1, 4), "<f8", "an array of shape (-1, 4)"),
         ((1, 3), "<f8", "an array of shape (1, 3); events are [N] with fields t, x, y, p, or [N, 4]"),
         ((1, 4, 1), "<f8", "an array of shape (1, 4, 1); events are [N] with fields t, x, y, p, or [N, 4]"),
@@ -69,10 +69,10 @@ def test_arrays_that_are_cut(tmp_path, cut, fortran):
     with pytest.raises(FormatError, match="truncated: ") as caught:
         opened(tmp_path, raw)
     torn = (96 - cut) % 32
-    reason = f"{torn} bytes are left over, a record takes 32" if torn else f"3 events, {left} are there"
+    reason = f"{torn} bytes are left over, but a record has 32" if torn else f"{left} of 3 events are there"
     assert (caught.value.reason, caught.value.offset) == (f"truncated: {reason}", len(raw) - torn)
     if fortran:
-        with pytest.raises(FormatError, match=f"truncated: 3 events, {left} are there"):
+        with pytest.raises(FormatError, match=f"truncated: {left} of 3 events are there"):
             opened(tmp_path, raw, strict=False)
     else:
         found = opened(tmp_path, raw, strict=False)
@@ -113,7 +113,7 @@ def test_seconds_up_to_2_to_the_62_us(tmp_path, seconds, fine):
         # the digits of a float64 are 512 µs apart there
         assert np.abs(recording.read().t - [500_000, 2**42 * 10**6 - 500_000]).max() < 512
     else:
-        with pytest.raises(FormatError, match=r"holds times that are not numbers, or beyond 2\^62 µs"):
+        with pytest.raises(FormatError, match=r"has times that are not numbers, or beyond 2\^62 µs"):
             recording.read()
 
 
@@ -152,7 +152,7 @@ def test_events_that_strayed_over_a_block_are_told(tmp_path, monkeypatch, kind, 
             assert window == whole.window(start, start + 300)
         assert nvsdata.open(tmp_path / "a.npy").span == (0, 1_600)
         return
-    with pytest.raises(FormatError, match="events strayed by more than 4 records") as caught:
+    with pytest.raises(FormatError, match="events are displaced by more than 4 records") as caught:
         recording.read()
     assert caught.value.offset == recording.header_size + told * recording.record_size
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.data.pieces import cut
+from nvsdata.data.pieces import cut_pieces
 from nvsdata.data.samples import Frame, Inertial, Piece
-from nvsdata.formats.aedat.aedat2_samples import merged
-from nvsdata.formats.hdf5.samples import Beside
+from nvsdata.formats.aedat.aedat2_samples import merged_records
+from nvsdata.formats.hdf5.samples import SampleWriter
 from nvsdata.kernels.decode.aedat2 import DAVIS
 
 SIZE = (240, 180)
@@ -53,7 +53,7 @@ def pieces(draw):
             times = np.sort(rng.integers(max(start - 100, 0), now, 4)).tolist()
             if not found or not any(piece.frames for piece in found) or times[0] >= start:
                 frames.append(Frame(*times, 7, 3, picture(rng, 9, 4)))
-        found.append(Piece.beside(events, frames, inertial, {"temperature": 25.0}))
+        found.append(Piece.of_camera(events, frames, inertial, {"temperature": 25.0}))
     return found
 
 
@@ -68,7 +68,7 @@ def same(a, b):
 @given(given_pieces=pieces())
 def test_files_hold_what_came_beside_events(tmp_path, suffix, given_pieces):
     path = tmp_path / f"a.{suffix}"
-    nvsdata.write(iter([Piece.beside(Events.empty(SIZE), about=ABOUT), *given_pieces]), path)
+    nvsdata.write(iter([Piece.of_camera(Events.empty(SIZE), about=ABOUT), *given_pieces]), path)
     recording = nvsdata.open(path)
     frames = [frame for piece in given_pieces for frame in piece.frames]
     assert len(list(recording.frames())) == len(frames)
@@ -118,18 +118,18 @@ def test_other_programs_read_frames_and_samples_of_aedat_4(tmp_path):
 def test_frames_of_aedat_4_at_time_0_and_none_that_it_cannot_hold(tmp_path):
     pixels = np.ones((3, 4), np.uint16)
     frames = [Frame(0, 0, 0, 9, 0, 0, pixels), Frame(0, 10, 20, 30, 0, 0, pixels), Frame(-5, 0, 7, 8, 0, 0, pixels)]
-    nvsdata.write(Piece.beside(Events.empty(SIZE), frames), tmp_path / "a.aedat4")
+    nvsdata.write(Piece.of_camera(Events.empty(SIZE), frames), tmp_path / "a.aedat4")
     assert all(same(a, b) for a, b in zip(nvsdata.open(tmp_path / "a.aedat4").frames(), frames, strict=True))
     for x, shape in ((0, (1, 40_000)), (40_000, (1, 1)), (0, (0, 0))):
         frame = Frame(0, 1, 2, 3, x, 0, np.zeros(shape, np.uint16))
-        with pytest.raises(ValueError, match=r"a frame of .* at .*: AEDAT 4 holds 1 to 32767 pixels a side"):
-            nvsdata.write(Piece.beside(Events.empty(SIZE), [frame]), tmp_path / "b.aedat4")
+        with pytest.raises(ValueError, match=r"a frame of .* at .*: AEDAT 4 supports 1 to 32767 pixels along a side"):
+            nvsdata.write(Piece.of_camera(Events.empty(SIZE), [frame]), tmp_path / "b.aedat4")
     assert not (tmp_path / "b.aedat4").exists()
 
 
 def test_a_camera_is_named_in_aedat_4_whatever_its_name(tmp_path):
     for name, found in (("DAVIS346 <&>", "DAVIS346 ???"), ("é" * 99, "?" * 64), ("nvsdata", None)):
-        nvsdata.write(Piece.beside(Events.empty(SIZE), about={"camera": name}), tmp_path / "a.aedat4")
+        nvsdata.write(Piece.of_camera(Events.empty(SIZE), about={"camera": name}), tmp_path / "a.aedat4")
         assert nvsdata.open(tmp_path / "a.aedat4").about.get("camera") == found
         assert not nvsdata.open(tmp_path / "a.aedat4").holds_samples
 
@@ -141,13 +141,13 @@ def recorded(tmp_path):
     frames = [Frame(b - 10, b, b + 4_000, b + 9_000, 0, 0, picture(rng, 240, 180)) for b in (5, 1_000_000, 2_500_000)]
     zeros = np.zeros((3_000, 3), np.float32)
     inertial = Inertial(t + 3, zeros, zeros, np.full(3_000, 25, np.float32))
-    nvsdata.write([Piece.beside(events, frames, inertial, ABOUT)], tmp_path / "a.h5")
+    nvsdata.write([Piece.of_camera(events, frames, inertial, ABOUT)], tmp_path / "a.h5")
     return nvsdata.open(tmp_path / "a.h5"), frames
 
 
 def test_a_cut_has_a_clock_of_its_own(tmp_path):
     recording, frames = recorded(tmp_path)
-    nvsdata.write(cut(recording, 1_000_000, 2_500_001), tmp_path / "b.h5")
+    nvsdata.write(cut_pieces(recording, 1_000_000, 2_500_001), tmp_path / "b.h5")
     found = nvsdata.open(tmp_path / "b.h5")
     assert [same(a, b.shifted(1_000_000)) for a, b in zip(found.frames(), frames[1:], strict=True)] == [True, True]
     assert [frame.start for frame in found.frames()] == [-10, 1_499_990]
@@ -169,7 +169,7 @@ def test_a_recording_is_handed_out_second_by_second(tmp_path, monkeypatch):
     monkeypatch.setattr(recording, "frames", watched)
     inertial = recording.inertial()
     monkeypatch.setattr(recording, "inertial", lambda *window: asked.append("inertial") or inertial)
-    for pieces in (recording.pieces(), cut(recording, 0, 3_000_000)):
+    for pieces in (recording.pieces(), cut_pieces(recording, 0, 3_000_000)):
         asked.clear()
         given.clear()
         first = next(pieces)
@@ -197,7 +197,7 @@ def test_what_lies_before_after_or_far_from_the_events_is_kept(tmp_path, suffix)
     t = np.array([7, 3_000_000, 3_999_999, 4_000_000, far + 5_000_000])
     zeros = np.zeros((5, 3), np.float32)
     inertial = Inertial(t, zeros, zeros, np.zeros(5, np.float32))
-    nvsdata.write(Piece.beside(events, frames, inertial, ABOUT), tmp_path / "a.h5")
+    nvsdata.write(Piece.of_camera(events, frames, inertial, ABOUT), tmp_path / "a.h5")
     recording = nvsdata.open(tmp_path / "a.h5")
     assert len(list(recording.pieces())) < 10
     nvsdata.write(recording, tmp_path / f"b.{suffix}")
@@ -210,7 +210,7 @@ def test_what_lies_before_after_or_far_from_the_events_is_kept(tmp_path, suffix)
 
 def test_frames_in_disorder_are_kept_with_all_events_once(tmp_path):
     recording, frames = recorded(tmp_path)
-    nvsdata.write(Piece.beside(recording.read(), frames[::-1], recording.inertial()), tmp_path / "b.h5")
+    nvsdata.write(Piece.of_camera(recording.read(), frames[::-1], recording.inertial()), tmp_path / "b.h5")
     other = nvsdata.open(tmp_path / "b.h5")
     nvsdata.write(other, tmp_path / "c.h5")
     copy = nvsdata.open(tmp_path / "c.h5")
@@ -228,11 +228,11 @@ def sampled(count, step, framed=False):
         pixels = np.zeros((SIZE[1], SIZE[0]), np.uint16)
         frames = [Frame(begin, begin + 1, begin + 2, begin + 3, 0, 0, pixels)] if framed else []
         events = Events.trusted(Events(t, t % 200, t % 100, t % 2).columns, SIZE, 0, begin + step)
-        yield Piece.beside(events, frames, inertial)
+        yield Piece.of_camera(events, frames, inertial)
 
 
 def test_aedat_2_puts_records_in_order_twice_a_second():
-    found = list(merged(sampled(300, 10_000), DAVIS, SIZE))
+    found = list(merged_records(sampled(300, 10_000), DAVIS, SIZE))
     assert len(found) <= 8
     t = np.concatenate([records.t for records in found])
     assert t.size == 300 * (5 + 2 * 7)
@@ -240,8 +240,8 @@ def test_aedat_2_puts_records_in_order_twice_a_second():
 
 
 def test_hdf5_writes_samples_and_frames_of_many_pieces_at_once(tmp_path, monkeypatch):
-    real, times = Beside._append, []
-    monkeypatch.setattr(Beside, "_append", lambda *arguments: (times.append(arguments[1]), real(*arguments)))
+    real, times = SampleWriter._append, []
+    monkeypatch.setattr(SampleWriter, "_append", lambda *arguments: (times.append(arguments[1]), real(*arguments)))
     nvsdata.write(sampled(150, 10_000, framed=True), tmp_path / "a.h5")
     assert times.count("inertial/t") == times.count("frames/pixels") == 3
     recording = nvsdata.open(tmp_path / "a.h5")
@@ -282,8 +282,8 @@ def test_other_formats_hold_events_alone(tmp_path):
     assert nvsdata.open(tmp_path / "c.h5").inertial().t.size == 0
     # a DVS128 has neither
     small = Events([1], [1], [1], [1], (128, 128))
-    with pytest.raises(ValueError, match="holds no inertial samples"):
-        nvsdata.write(Piece.beside(small, (), recording.inertial()), tmp_path / "d.aedat")
+    with pytest.raises(ValueError, match="which has no inertial samples"):
+        nvsdata.write(Piece.of_camera(small, (), recording.inertial()), tmp_path / "d.aedat")
 
 
 @pytest.mark.parametrize(
@@ -376,7 +376,7 @@ def beside(tmp_path):
     frames = [Frame(b, b + 10, b + 4_000, b + 9_000, 7, 3, picture(rng, 9, 4)) for b in range(t[0], t[-1], 50_000)]
     zeros = np.zeros((1_000, 3), np.float32)
     inertial = Inertial(t[::10] + 3, zeros, zeros, np.full(1_000, 25, np.float32))
-    nvsdata.write(Piece.beside(Events(t, t % 240, t % 180, t % 2, SIZE), frames, inertial), tmp_path / "a.aedat")
+    nvsdata.write(Piece.of_camera(Events(t, t % 240, t % 180, t % 2, SIZE), frames, inertial), tmp_path / "a.aedat")
     return nvsdata.open(tmp_path / "a.aedat")
 
 

@@ -188,7 +188,7 @@ def test_pieces_of_a_long_file_are_counted_together(tmp_path, monkeypatch, stric
     parts = nvsdata.open(tmp_path / "a.txt", strict=strict)
     assert parts.read() == expected
     assert len(expected) == (6_000 if strict else 5_997)
-    counted = {"lines that are no event, dropped": 2, "events outside the sensor, dropped": 1}
+    counted = {"lines that aren't events, dropped": 2, "events outside the sensor, dropped": 1}
     assert parts.repairs == whole.repairs == ({} if strict else counted)
 
 
@@ -248,7 +248,7 @@ def test_many_lines_are_written_and_read_in_pieces(tmp_path, monkeypatch):
 def test_bad_lines_of_a_later_piece_name_the_byte(tmp_path, monkeypatch):
     monkeypatch.setattr(text, "PIECE", 40)
     content = "1 2 3 1\n" * 20
-    with pytest.raises(FormatError, match="a line must hold four numbers") as caught:
+    with pytest.raises(FormatError, match="a line must have four numbers") as caught:
         read(tmp_path, content + "1 2 3\n" + content)
     assert len(content) <= caught.value.offset <= len(content) + 6
 

@@ -83,7 +83,7 @@ def test_windows_may_count_from_the_first_event(tmp_path):
     nvsdata.write(ev, tmp_path / "a.h5")
     assert nvsdata.read(tmp_path / "a.h5", 0, 30_000, relative=True) == ev[:2]
     assert nvsdata.read(tmp_path / "a.h5", 30_000, relative=True) == ev[2:]
-    with pytest.warns(UserWarning, match=r"\[0, 30000\) holds nothing, its events lie at 1000000000 to 1000040000 µs"):
+    with pytest.warns(UserWarning, match=r"\[0, 30000\) has no events; the file's are at 1000000000 to 1000040000 µs"):
         assert len(nvsdata.read(tmp_path / "a.h5", 0, 30_000)) == 0
 
 

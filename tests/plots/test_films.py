@@ -117,7 +117,7 @@ def test_too_many_pictures_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"at most 3,000 frames: select a part of the events, or write an \.mp4"):
         save_gif([plots.event_image(EVENTS)] * 3_001, tmp_path / "a.gif", 30)
     assert not list(tmp_path.iterdir())
-    with pytest.raises(ValueError, match="frames, more than"):
+    with pytest.raises(ValueError, match="frames are more than"):
         next(Film(speed=1e-12).windows(EVENTS))
 
 

@@ -138,7 +138,9 @@ def test_a_damaged_recording_is_named(run, fake_nmnist, tmp_path):
     bad.write_bytes(bad.read_bytes()[:-2])
     with pytest.raises(SystemExit) as ended:
         run("train_objects.py", "--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path / "o", "--epochs", 1)
-    assert str(ended.value) == f"train_objects.py: {bad}: byte 2995: truncated: 3 bytes are left over, a record takes 5"
+    assert (
+        str(ended.value) == f"train_objects.py: {bad}: byte 2995: truncated: 3 bytes are left over, but a record has 5"
+    )
 
 
 def test_pairs_are_no_classes(run, tmp_path):

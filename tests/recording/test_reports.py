@@ -94,7 +94,7 @@ def piece(*t, frames=(), samples=0, **about):
     inertial = (
         Inertial.empty() if not samples else Inertial(np.arange(samples), *np.zeros((2, samples, 3)), np.zeros(samples))
     )
-    return Piece.beside(events_at(*t), list(frames), inertial, about)
+    return Piece.of_camera(events_at(*t), list(frames), inertial, about)
 
 
 class Decoding:

@@ -366,7 +366,7 @@ def test_a_stated_time_decides_about_frames():
             lambda: T.ToFrames(duration=1)(Events([0, 2**61], [0, 0], [0, 0], [0, 0])),
             "2,305,843,009,213,693,952 frames",
         ),
-        (lambda: T.ToFrames(2**25)(NO_EVENTS), "33,554,432 frames, more than 16,777,216"),
+        (lambda: T.ToFrames(2**25)(NO_EVENTS), "33,554,432 frames are more than the 16,777,216"),
         (
             lambda: T.TimeSurface(every=1)(Events([0, 2**61], [0, 0], [0, 0], [0, 0])),
             "2,305,843,009,213,693,952 frames",

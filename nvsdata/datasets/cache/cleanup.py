@@ -16,7 +16,7 @@ from nvsdata.datasets.cache.cached import TAG
 from nvsdata.datasets.source import CACHE_TAG, INDEX
 from nvsdata.datasets.store.part import JOURNAL
 from nvsdata.datasets.store.reader import COLUMNS
-from nvsdata.formats.kept_index import SUFFIX
+from nvsdata.formats.index_cache import SUFFIX
 
 # key of the cache, shard and sample, as `Cached` names them; or the temporary file of a killed process
 SAMPLE = re.compile(r"[0-9a-f]{16}/\d+/(\d+\.pt|\.\d+\.pt\..*\.part)")

@@ -1,4 +1,4 @@
-"""AEDAT 1.0 (jAER, DVS128): like AEDAT 2.0, but with 16-bit addresses; the oldest files don't state a version."""
+"""AEDAT 1.0 (jAER, DVS128): like AEDAT 2.0 with addresses of 16 bits. The oldest files don't state a version."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.formats.aedat import aedat2
-from nvsdata.formats.aedat.aedat2 import CHIPS, header
+from nvsdata.formats.aedat.aedat2 import CHIPS, header_bytes
 from nvsdata.formats.clocked import with_times_of_32_bits
 from nvsdata.formats.contents import header_lines
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed
+from nvsdata.formats.writing import Pieces, file_with_header
 from nvsdata.kernels.decode.aedat2 import aedat2_encode
 from nvsdata.kernels.decode.clock import WRAP_US
 
@@ -31,9 +31,9 @@ class Aedat1Recording(aedat2.Aedat2Recording):
 
 
 def looks_like(head: bytes, _: int) -> bool:
-    """Whether a file that begins with `head` and states no version could be AEDAT 1.0: its times never fall.
+    """Return whether a file that begins with `head` and states no version could be AEDAT 1.0: its times never fall.
 
-    The file may be cut off.
+    The file may be truncated.
     """
     if head.startswith(b"#!"):
         return False
@@ -52,9 +52,9 @@ def write(pieces: Pieces, path: Path) -> None:
     width, height = pieces.sensor_size
     if width > size[0] or height > size[1]:
         raise ValueError(f"AEDAT 1.0 is written for sensors up to 128x128, not {width}x{height}")
-    with headed(path, pieces, partial(header, "1.0", name)) as file:
+    with file_with_header(path, pieces, partial(header_bytes, "1.0", name)) as file:
         for events in with_times_of_32_bits(pieces, "AEDAT 1.0"):
-            # the upper half of the address is 0 and is left out
+            # the upper half of the address, which is 0, is left out
             records = aedat2_encode(*events.columns, layout, *size).view(np.uint8).reshape(-1, 8)
             file.write(np.ascontiguousarray(records[:, 2:]).data)
 

@@ -1,9 +1,9 @@
 """AEDAT 1.0 and 2.0 (jAER): MNIST-DVS, CIFAR10-DVS, UCF50-DVS, HMDB51-DVS.
 
-Header lines begin with `#` and end with CR LF. Records are big-endian: a 32-bit address (1.0: 16 bits)
-and a 32-bit time in µs that wraps. The meaning of the address bits depends on the camera, which
-the line `# AEChip:` names; without that line it follows from `sensor_size` or from the addresses themselves. nvsdata's
-own files of a smaller sensor state its size in another comment.
+Header lines begin with `#` and end with CR LF. Records are big-endian: an address of 32 bits (1.0: 16 bits), and a time
+in µs of 32 bits, which wraps. The meaning of the address bits depends on the camera, which the line `# AEChip:` names;
+without that line it follows from `sensor_size` or from the addresses. nvsdata's own files of a smaller sensor state its
+size in another comment.
 
 - DVS128: bit 0 polarity (0 is ON), bits 1-7 x, bits 8-14 y, bit 15 external event
 - DAVIS: bit 11 polarity (1 is ON), bits 12-21 x, bits 22-30 y, bit 31 frame or inertial sample
@@ -25,15 +25,15 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.data.samples import Frame, Inertial, within
-from nvsdata.formats.aedat.aedat2_samples import WRITTEN, Scales, frames_of, inertial_of, merged
+from nvsdata.formats.aedat.aedat2_samples import WRITTEN, Scales, davis_frames, davis_inertial, merged_records
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.aedat2 import DAVIS, DVS128, aedat2_decode
 
-# camera (the end of the class name in `# AEChip:`): size, layout, the class name that is written
+# camera (the end of the class name in `# AEChip:`): size, layout, and the class name that nvsdata writes
 CHIPS = {
     "DVS128": ((128, 128), DVS128, "ch.unizh.ini.jaer.chip.retina.DVS128"),
     "DAVIS240": ((240, 180), DAVIS, "eu.seebetter.ini.chips.davis.DAVIS240C"),
@@ -44,7 +44,7 @@ _SENSOR = re.compile(r"# nvsdata sensor (\d+)x(\d+)")
 
 
 class Aedat2Recording(ClockedFile):
-    """An AEDAT 2.0 file; AEDAT 1.0 differs in the size of a record."""
+    """An AEDAT 2.0 file. AEDAT 1.0 differs in the size of a record."""
 
     format = "aedat2"
     holds_samples = True
@@ -57,26 +57,28 @@ class Aedat2Recording(ClockedFile):
         chip = next((m[1].upper() for line in lines if (m := re.match(r"#\s*AEChip:.*?(\w+)\s*$", line))), None)
         self.chip_size, self.layout = self._camera(chip)
         self._size = self._size or self._stated(lines) or self.chip_size
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
         self._scales = Scales.stated(lines)
 
     def _camera(self, chip: str | None) -> tuple[tuple[int, int], int]:
-        """Size and address layout: from the header, else from the sensor's size, else from the addresses."""
+        """Return size and address layout by the header, the sensor's size, or the addresses, in this order."""
         for name, (size, layout, _) in CHIPS.items():
             if chip is not None and chip.startswith(name):
                 return size, layout
         if chip is not None:
-            raise FormatError(self.path, f"recorded by a {chip}; known are {', '.join(CHIPS)}", offset=0)
+            raise FormatError(
+                self.path, f"recorded by an unknown camera, {chip}; known are {', '.join(CHIPS)}", offset=0
+            )
         for size, layout, _ in CHIPS.values():
             if self._size == size:
                 return size, layout
-        # a DVS128's addresses have 16 bits
+        # addresses of a DVS128 have 16 bits
         first = self._wide(self.contents.read(self._byte(0), self._byte(min(self.records, self.block))))
         name = "DVS128" if not first.reshape(-1, 8)[:, :2].any() else "DAVIS240"
         return CHIPS[name][:2]
 
     def _stated(self, lines: Sequence[str]) -> tuple[int, int] | None:
-        """The size of a sensor smaller than the chip that its file was written for."""
+        """Return the size of a sensor that is smaller than the chip for which its file was written."""
         found = next((m for line in lines if (m := _SENSOR.fullmatch(line.rstrip()))), None)
         if found is None:
             return None
@@ -87,7 +89,7 @@ class Aedat2Recording(ClockedFile):
         return width, height
 
     def _wide(self, raw: np.ndarray) -> np.ndarray:
-        """The records in the layout of AEDAT 2.0."""
+        """Return records in the layout of AEDAT 2.0."""
         return raw
 
     def _times(self, raw: np.ndarray) -> np.ndarray:
@@ -103,43 +105,43 @@ class Aedat2Recording(ClockedFile):
             return super().frames(start, stop)
         if self.layout != DAVIS:
             return iter(())
-        return within(frames_of(self._timed(), self.chip_size), start, stop)
+        return within(davis_frames(self._timed(), self.chip_size), start, stop)
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         if not self.holds_samples:
             return super().inertial(start, stop)
         if self.layout != DAVIS:
             return Inertial.empty()
-        return inertial_of(self._timed(), self._scales).window(start, stop)
+        return davis_inertial(self._timed(), self._scales).window(start, stop)
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write AEDAT 2.0 records of the smallest of DVS128, DAVIS240C and DAVIS346 that holds the sensor.
+    """Write AEDAT 2.0 records of the smallest of DVS128, DAVIS240C and DAVIS346 that contains the sensor.
 
-    ValueError for a larger sensor; and, because a reader could not unwrap the 32-bit times, for a first time outside
+    ValueError for a larger sensor, and for times of 32 bits that a reader couldn't unwrap: a first time outside
     [0, 2^32 - 1) µs, a gap of 2^31 µs or more, or a gap of more than five minutes where the 32 bits wrap.
     """
     size, layout, name = chip_for(*pieces.sensor_size)
-    told = WRITTEN.lines if layout == DAVIS else ()
-    with headed(path, pieces, partial(header, "2.0", name, told=told)) as file:
+    more = WRITTEN.lines if layout == DAVIS else ()
+    with file_with_header(path, pieces, partial(header_bytes, "2.0", name, more=more)) as file:
         records: Any
-        for records in with_times_of_32_bits(merged(pieces, layout, size), "AEDAT 2.0"):
+        for records in with_times_of_32_bits(merged_records(pieces, layout, size), "AEDAT 2.0"):
             file.write(records.raw.data)
 
 
 def chip_for(width: int, height: int) -> tuple[tuple[int, int], Any, str]:
-    """Size, layout and name of the smallest chip that holds a sensor of so many pixels. ValueError if none does."""
+    """Return size, layout and name of the smallest chip that contains the sensor. ValueError if none does."""
     for chip in CHIPS.values():
         if width <= chip[0][0] and height <= chip[0][1]:
             return chip
     raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
 
 
-def header(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) -> bytes:
-    """The header of a file; `told`: further lines in it."""
+def header_bytes(version: str, chip: str, pieces: Pieces, more: Sequence[str] = ()) -> bytes:
+    """Return the header of a file; `more` are further lines."""
     size = "# nvsdata sensor {}x{}".format(*pieces.sensor_size)
     lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}", size)
-    return "".join(f"{line}\r\n" for line in (*lines, *told, time_comment(pieces), "#End Of ASCII Header")).encode()
+    return "".join(f"{line}\r\n" for line in (*lines, *more, time_comment(pieces), "#End Of ASCII Header")).encode()
 
 
 FORMAT = Format(

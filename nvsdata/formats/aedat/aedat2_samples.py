@@ -1,12 +1,12 @@
 """Frames and inertial samples among the records of AEDAT 2.0, in jAER's encoding (bit 31 of the address is set).
 
-- a frame: two records per pixel, a reading before the exposure (bits 10-11: 0) and one after it (1), in bits 0-9; x
-  (bits 12-21) is not mirrored, unlike the x of events; y (bits 22-30) counts from the bottom. The light on a pixel is
-  the difference. The four times of a frame are those of the first and last reading before the exposure, and of the
-  first and last one after it.
-- an inertial sample: seven records (bits 10-11: 3), numbered in bits 28-30, with 16 bits of acceleration, temperature
-  (340 per °C, from 35 °C) and rotation in bits 12-27. The header's preferences state what 2^15 stands for; without
-  them it is jAER's default, 8 g and 1,000 degrees/s. Axes are those of the inertial unit.
+- A frame has two records per pixel, a reading before the exposure (bits 10-11 are 0) and one after it (1), in bits 0-9.
+  x (bits 12-21) is not mirrored, unlike the x of events; y (bits 22-30) counts from the bottom. The brightness of a
+  pixel is the difference of the readings. The four times of a frame are those of the first and last reading before the
+  exposure, and of the first and last reading after it.
+- An inertial sample has seven records (bits 10-11 are 3), numbered in bits 28-30, with 16 bits of acceleration,
+  temperature (340 per °C, from 35 °C) or rotation in bits 12-27. The preferences in the header state the full scale,
+  the value of 2^15; without them it is jAER's default, 8 g and 1,000 degrees/s. Axes are those of the inertial unit.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from nvsdata.kernels.decode.aedat2 import DAVIS, aedat2_encode
 from nvsdata.kernels.decode.aedat_frames import FRAME_FACTS, next_frame
 from nvsdata.kernels.decode.order import is_sorted
 
-BESIDE, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
+NOT_EVENT, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10
-MAX_READING = 1023  # the largest reading
-DEPTH = 6  # bits by which a frame's pixels (16 bits) are wider than a reading (10 bits)
+MAX_READING = 1023
+DEPTH = 6  # a frame's pixels have 16 bits, a reading has 10
 FULL = 1 << 15
 PER_KELVIN, ZERO = 340.0, 35.0
 _SCALE = re.compile(r'#.*key="Imu(Accel|Gyro)Scale" value="(?:ImuAccelScaleG|GyroFullScaleDegPerSec)(\d{1,5})"')
-PATIENCE = 1_000_000  # µs that events wait for a frame that began before them, until the first frame has come
-LONGEST = 10_000_000  # the same, once a frame has come
+PATIENCE = 1_000_000  # µs that events wait for a frame that began before them, until the first frame has arrived
+LONGEST = 10_000_000  # the same, after the first frame
 
 
 Timed = Iterator[tuple[np.ndarray, np.ndarray]]  # records, piece by piece: bytes or addresses, and times in µs, int64
 
 
 class Scales(NamedTuple):
-    """What 2^15 stands for: acceleration in g, rotation in degrees/s."""
+    """Full scale (the value of 2^15): acceleration in g, rotation in degrees/s."""
 
     g: float = 8.0
     degrees: float = 1000.0
 
     @classmethod
     def stated(cls, lines: Iterable[str]) -> Scales:
-        """As a header's lines state; jAER's defaults where they don't."""
+        """Return the scales that a header states; jAER's defaults if it states none."""
         found = {match[1]: float(match[2]) for line in lines if (match := _SCALE.match(line)) and int(match[2])}
         return cls(found.get("Accel", cls().g), found.get("Gyro", cls().degrees))
 
     @property
     def lines(self) -> tuple[str, str]:
-        """The header lines that state them."""
+        """Header lines that state the scales."""
         return (
             f'#<entry key="ImuAccelScale" value="ImuAccelScaleG{self.g:.0f}"/>',
             f'#<entry key="ImuGyroScale" value="GyroFullScaleDegPerSec{self.degrees:.0f}"/>',
@@ -62,48 +62,53 @@ WRITTEN = Scales(4.0, 500.0)  # the scales that nvsdata sets on a DAVIS
 
 
 class Records(NamedTuple):
-    """Records: `t` int64 [N], µs, and `raw` uint64 [N], their bytes as in a file."""
+    """Records with their times.
+
+    Args:
+        t: int64 [N], µs.
+        raw: uint64 [N], bytes of the records in a file.
+    """
 
     t: np.ndarray
     raw: np.ndarray
 
 
-def merged(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iterator[Any]:
-    """The `Records` of pieces, each in order of time. They have to be sorted: a frame begins before its last data come.
+def merged_records(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iterator[Any]:
+    """Yield `Records` of pieces in order of time, which needs sorting: a frame begins before its last data arrive.
 
-    ValueError for samples that the layout of a DVS128 can't hold.
+    ValueError for samples that the layout of a DVS128 doesn't support.
     """
-    line = _Line(layout, size)
+    queue = _RecordQueue(layout, size)
     for piece in pieces:
         if isinstance(piece, Piece):
-            yield from line.passed(piece)
+            yield from queue.add(piece)
         elif len(piece):
-            yield from line.take(None)
-            yield line.events(piece)
-    yield from line.take(None)
+            yield from queue.take(None)
+            yield queue.events(piece)
+    yield from queue.take(None)
 
 
-class _Line:
-    """Records that wait for earlier ones: they are sorted once per half of `PATIENCE`."""
+class _RecordQueue:
+    """Records that wait for earlier ones. They are sorted once per half of `PATIENCE`."""
 
     def __init__(self, layout: int, size: tuple[int, int]) -> None:
         self._layout, self._size = layout, size
         self._waiting: list[Records] = []
-        self._due = -LATEST  # when a piece ends after this time, records are sorted
-        self._framed = -LONGEST  # where the last frame ended
+        self._due = -LATEST  # records are sorted when a piece ends after this time
+        self._framed = -LONGEST  # end of the last frame
         self._patience = PATIENCE
         self._last = 0
 
     def events(self, piece: Events) -> Records:
-        """The records of events."""
+        """Return the records of events."""
         raw = aedat2_encode(*piece.columns, self._layout, *self._size)
         return Records(piece.t, raw.view(np.uint64).reshape(-1))
 
-    def passed(self, piece: Piece) -> Iterator[Records]:
-        """Queue a piece's records, and give those that no later record can precede."""
+    def add(self, piece: Piece) -> Iterator[Records]:
+        """Add the records of a piece, and yield those that no later record can precede."""
         self._waiting.append(self.events(piece))
         for t, addresses in (*self._inertial(piece.inertial), *self._frames(piece.frames)):
-            # a frame may have begun before time 0, or have taken longer than records wait
+            # a frame may have begun before time 0, or have lasted longer than records wait
             t = np.maximum(t, self._last)
             words = np.stack((addresses, t & 0xFFFFFFFF), axis=1).astype(">u4")
             self._waiting.append(Records(t, words.view(np.uint64).reshape(-1)))
@@ -112,7 +117,7 @@ class _Line:
             yield from self.take(min(max(self._framed, piece.end - self._patience), piece.end))
 
     def take(self, until: int | None) -> Iterator[Records]:
-        """The waiting records before the time `until`; all of them for None."""
+        """Yield the waiting records before the time `until`; all of them for None."""
         if not self._waiting:
             return
         t, raw = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
@@ -137,7 +142,7 @@ class _Line:
                 axis=1,
             )
             words = np.clip(np.rint(values), -FULL, FULL - 1).astype(np.int64) & 0xFFFF
-            yield samples.t.repeat(7), (BESIDE | INERTIAL | np.arange(7) << 28 | words << 12).ravel()
+            yield samples.t.repeat(7), (NOT_EVENT | INERTIAL | np.arange(7) << 28 | words << 12).ravel()
 
     def _frames(self, frames: Iterable[Frame]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for frame in frames:
@@ -146,7 +151,7 @@ class _Line:
             # column by column, from the top
             column = frame.x + np.arange(width).repeat(height)
             row = self._size[1] - 1 - frame.y - np.tile(np.arange(height), width)
-            place = BESIDE | row << 22 | column << 12
+            place = NOT_EVENT | row << 22 | column << 12
             light = (frame.pixels.T.ravel() >> DEPTH).astype(np.int64)
             for kind, reading, ends in (
                 (BEFORE, np.full_like(light, MAX_READING), (frame.start, frame.exposure_start)),
@@ -160,14 +165,14 @@ class _Line:
 
     def _check_layout(self, what: str) -> None:
         if self._layout != DAVIS:
-            raise ValueError(f"AEDAT 2.0 of a sensor up to 128x128 is written as a DVS128's, which holds no {what}")
+            raise ValueError(f"AEDAT 2.0 of a sensor up to 128x128 is written as a DVS128's, which has no {what}")
 
 
-def inertial_of(timed: Timed, scales: Scales) -> Inertial:
-    """All inertial samples among the records of a file; incomplete ones are left out."""
+def davis_inertial(timed: Timed, scales: Scales) -> Inertial:
+    """Return the inertial samples among the records of a file; incomplete ones are left out."""
     parts = []
     rest_t, rest = np.empty(0, np.int64), np.empty(0, np.uint32)
-    for addresses, t in _beside(timed):
+    for addresses, t in _not_events(timed):
         mine = (addresses & KINDS) == INERTIAL
         t, addresses = np.concatenate((rest_t, t[mine])), np.concatenate((rest, addresses[mine]))
         code = addresses >> 28 & 7
@@ -188,8 +193,8 @@ def inertial_of(timed: Timed, scales: Scales) -> Inertial:
     return Inertial.joined(parts)
 
 
-def frames_of(timed: Timed, size: tuple[int, int]) -> Iterator[Frame]:
-    """The frames among the records of a file, one by one; those that lack pixels are left out."""
+def davis_frames(timed: Timed, size: tuple[int, int]) -> Iterator[Frame]:
+    """Yield the frames among the records of a file; frames with missing pixels are left out."""
     found = _whole_frames(timed, size)
     first, second = next(found, None), next(found, None)
     # the rest of a frame that began before the file looks like a frame of a smaller region
@@ -204,7 +209,7 @@ def _whole_frames(timed: Timed, size: tuple[int, int]) -> Iterator[Frame]:
     width, height = size
     before, light = np.zeros((height, width), np.uint16), np.zeros((height, width), np.uint16)
     state, facts = np.zeros((height, width), np.uint8), np.zeros(FRAME_FACTS, np.int64)
-    for addresses, t in _beside(timed):
+    for addresses, t in _not_events(timed):
         mine = (addresses & KINDS) <= AFTER
         t, addresses = t[mine], addresses[mine]
         at = 0
@@ -224,9 +229,9 @@ def _frame(facts: np.ndarray, light: np.ndarray) -> Frame:
     )
 
 
-def _beside(timed: Timed) -> Timed:
-    """The records of a file that are not events: addresses, uint32, and times."""
+def _not_events(timed: Timed) -> Timed:
+    """Yield the records of a file that aren't events: addresses, uint32, and times."""
     for raw, t in timed:
         addresses = raw.view(">u4")[::2].astype(np.uint32)
-        which = addresses >= BESIDE
+        which = addresses >= NOT_EVENT
         yield addresses[which], t[which]

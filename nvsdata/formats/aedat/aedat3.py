@@ -1,8 +1,8 @@
 """AEDAT 3.0 and 3.1 (cAER, libcaer): DVS128 Gesture.
 
-Header lines begin with `#` and end with CR LF; the last is `#!END-HEADER`. Packets follow, little-endian:
-28 bytes of header, then events of one type and size. A window decodes only the polarity packets
-that it touches; packets of other types are skipped by their size.
+Header lines begin with `#` and end with CR LF; the last is `#!END-HEADER`. Little-endian packets follow: a header of 28
+bytes, then events of one type and size. A window decodes only the polarity packets that overlap it; packets of other
+types are skipped.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.aedat3 import (
     ADDED,
     CUT,
@@ -42,10 +42,10 @@ from nvsdata.kernels.decode.aedat3 import (
 )
 from nvsdata.kernels.decode.clock import kept_words
 
-CAN_SEEK = hasattr(os, "pread")  # without it, the packet index is built from the whole file in memory
+CAN_SEEK = hasattr(os, "pread")  # without it, the packet index is computed from the entire file in memory
 FAULTS = {TORN: "truncated within a packet", NONSENSE: "no packet begins here", CUT: "truncated while it was read"}
 SENSORS = {"DVS128": (128, 128), "DAVIS240": (240, 180), "DAVIS346": (346, 260), "DVXPLORER": (640, 480)}
-PACKET = 8192  # events per packet that is written
+PACKET = 8192  # events per packet in written files
 
 
 class Aedat3Recording(FileRecording):
@@ -61,16 +61,16 @@ class Aedat3Recording(FileRecording):
             raise FormatError(path, "truncated or damaged: the header has no line #!END-HEADER", offset=end)
         source = next((m[1].upper() for line in lines if (m := re.match(r"#Source \d+: (\S+)", line))), "")
         self._size = self._size or self._size_of(source)
-        # 3.0 had its origin at the bottom left
+        # the origin of 3.0 is at the bottom left
         self._upside_down = lines[0].startswith("#!AER-DAT3.0")
         if self._upside_down and self._size is None:
             raise FormatError(
                 path, "AEDAT 3.0 of an unknown camera counts y from the bottom: pass sensor_size", offset=0
             )
         self._start = end
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
         self._found: np.ndarray | None = None
-        self._contents.let_go()
+        self._contents.drop_head()
 
     def _size_of(self, source: str) -> tuple[int, int] | None:
         stated = re.fullmatch(r"NVSDATA-(\d+)X(\d+)", source)
@@ -80,7 +80,7 @@ class Aedat3Recording(FileRecording):
 
     @property
     def packets(self) -> np.ndarray:
-        """The index of polarity packets, as `aedat3_packets` gives it; built at its first use."""
+        """The index of polarity packets, as `aedat3_packets` returns it; computed at its first use."""
         if self._found is None:
             contents = self._contents
             known = np.frombuffer(contents.head, np.uint8) if CAN_SEEK else contents.read(0, contents.size)
@@ -94,7 +94,7 @@ class Aedat3Recording(FileRecording):
 
     @cached_property
     def _reach(self) -> tuple[np.ndarray, ...]:
-        """The first and the last time, int64 [M] each, at which each packet may hold an event."""
+        """The first and the last time, int64 [M] each, at which each packet may have an event."""
         packets = self.packets
         reach = np.stack((packets[:, FIRST] - DISORDER_US, packets[:, LAST] + DISORDER_US))
         # a packet's first or last event may itself be an invalid one
@@ -115,23 +115,23 @@ class Aedat3Recording(FileRecording):
                     raise FormatError(
                         self.path, "a packet of events before its first, after its last, or before 0", offset=at
                     )
-                count, lost = self._mended(raw, base, some, kept, columns)
+                count, lost = self._salvaged(raw, base, some, kept, columns)
                 dropped += lost
             kept += count
             unmarked += without
         self._repair("events of times that fit no packet, dropped", dropped)
         if unmarked:
-            odd = "events are not marked valid, though their packets count them as valid; kept"
-            warnings.warn(f"{shown(self.path)}: {unmarked} {odd}", stacklevel=2)
+            what = "events are not marked valid, though their packets count them as valid; they are kept"
+            warnings.warn(f"{shown(self.path)}: {unmarked} {what}", stacklevel=2)
         columns = columns.first(kept)
         if self._upside_down:
             columns = columns._replace(y=(height - 1 - columns.y).astype(np.int16))
         return columns
 
     def _read(self, packets: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
-        """Yield some packets at a time, the bytes that hold them, and where in the file these bytes begin."""
+        """Yield some packets at a time, their bytes, and the offset of these bytes in the file."""
         begins, ends = packets[:, FIRST_BYTE], packets[:, FIRST_BYTE] + 8 * packets[:, NUMBER]
-        # half a piece, because the last packet reaches beyond it: together they seldom exceed a piece
+        # half a piece, because the last packet extends beyond it; together they rarely exceed a piece
         half = PIECE // 2
         edges = [0, *(np.flatnonzero(np.diff(begins // half)) + 1).tolist(), len(packets)]
         parts = [(lo, hi) for lo, hi in pairwise(edges) if lo < hi]
@@ -139,15 +139,17 @@ class Aedat3Recording(FileRecording):
         for (lo, hi), raw in zip(parts, pieces, strict=True):
             yield packets[lo:hi], raw, int(begins[lo])
 
-    def _mended(self, raw: np.ndarray, base: int, packets: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        """Decode damaged packets without the events whose times don't fit; returns how many are kept and lost."""
+    def _salvaged(
+        self, raw: np.ndarray, base: int, packets: np.ndarray, kept: int, columns: Columns
+    ) -> tuple[int, int]:
+        """Decode damaged packets without the events whose times don't fit; return how many are kept and dropped."""
         begin, lost = kept, 0
         width, height = self._limits
         for k in range(len(packets)):
             count, _, _, strayed = aedat3_decode(raw, base, packets[k : k + 1], width, height, kept, *columns)
             if strayed >= 0:
                 some = columns.take(slice(kept, kept + count))
-                # 31-bit times with a sign
+                # times of 31 bits with a sign
                 since = (some.t - packets[k, ADDED]).astype(np.uint32).view(np.int32).astype(np.int64)
                 fits = kept_words(since, 40, DISORDER_US) & (since >= 0)
                 left = int(np.count_nonzero(fits))
@@ -161,7 +163,7 @@ class Aedat3Recording(FileRecording):
         return self._of_packets(self.packets)
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode the packets that reach into the window, in whatever order they lie in the file."""
+        """Decode the packets that overlap the window, whatever their order in the file."""
         if not self.strict:
             return None
         first, last = self._reach
@@ -188,7 +190,7 @@ def write(pieces: Pieces, path: Path) -> None:
     """
     width, height = pieces.sensor_size
     name = next((name for name, size in SENSORS.items() if size == (width, height)), f"nvsdata-{width}x{height}")
-    with headed(path, pieces, partial(_header, name)) as file:
+    with file_with_header(path, pieces, partial(_header, name)) as file:
         for events in pieces:
             for packet in _packets(events):
                 file.write(packet)
@@ -202,7 +204,7 @@ def _header(source: str, pieces: Pieces) -> bytes:
 def _packets(events: Events) -> Iterator[bytes]:
     t = events.t
     if t[0] < 0 or t[-1] >= LATEST:
-        raise ValueError("AEDAT 3.1 holds times from 0 to 2^62 - 1 µs only")
+        raise ValueError("AEDAT 3.1 supports times from 0 to 2^62 - 1 µs only")
     records = np.empty((t.size, 2), "<u4")
     records[:, 0] = events.x.astype(np.uint32) << 17 | events.y.astype(np.uint32) << 2
     records[:, 0] |= events.p.astype(np.uint32) << 1 | 1

@@ -1,9 +1,9 @@
 """AEDAT 4 (iniVation DV), with the packages lz4 and zstandard (extra `aedat4`).
 
-A file begins with `#!AER-DAT4.0` CR LF, the length of a flatbuffer, and that flatbuffer: the compression, the place of
-a table at the end, and XML that names the streams. Packets follow: stream and size as int32, then a flatbuffer,
-compressed as a whole. A packet of events holds a vector of 16-byte structs with times in µs. Of each type of stream,
-the first is read. The table tells the times of each packet, so a window inflates only the packets that it touches.
+A file begins with `#!AER-DAT4.0` CR LF, the length of a flatbuffer, and that flatbuffer: the compression, the offset of
+a table at the end, and XML that names the streams. Packets follow: stream and size as int32, then a compressed
+flatbuffer. A packet of events has a vector of structs of 16 bytes, with times in µs. Of each type of stream, the first
+is read. The table states the times of each packet, so a window decompresses only the packets that overlap it.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns, check_window, concatenate
 from nvsdata.data.samples import Frame, Inertial, Triggers, within
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 from nvsdata.formats.aedat.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
-from nvsdata.formats.aedat.aedat4_samples import LONG, frame_of, inertial_of, triggers_of
+from nvsdata.formats.aedat.aedat4_samples import LONG, unpack_frame, unpack_inertial, unpack_triggers
 from nvsdata.formats.aedat.aedat4_writer import SOURCE, write
 from nvsdata.formats.aedat.flatbuffer import Table
 from nvsdata.formats.contents import MOST_HEADER, Allowance, Contents, most_bytes
@@ -33,16 +33,16 @@ from nvsdata.kernels.decode.aedat4 import aedat4_decode
 from nvsdata.kernels.decode.order import is_sorted
 
 EVENTS = ("t", "x", "y", "on")
-What = TypeVar("What")
+Content = TypeVar("Content")
 
 
 class Aedat4Recording(FileRecording):
-    """An AEDAT 4 file. If not `strict`, or of a small file without a table, the first window decodes the whole file."""
+    """An AEDAT 4 file. The first window decodes the entire file if not `strict`, or if a small file has no table."""
 
     format = "aedat4"
     holds_triggers = True
-    _restored = False  # whether the packets are those of an index that was kept
-    _ends_checked = False  # whether the first and the last packet hold what the table says
+    _cached = False  # whether the list of packets is a cached one
+    _ends_checked = False  # whether the first and the last packet agree with the table
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
@@ -65,9 +65,9 @@ class Aedat4Recording(FileRecording):
         self._stated = self._streams["EVTS"][1]
         if self._size is None and "sizeX" in self._stated and "sizeY" in self._stated:
             self._size = stated_size(path, self._stated["sizeX"], self._stated["sizeY"])
-        self._lasts(stated_time([self._stated.get("time", "")]))
+        self._state_times(stated_time([self._stated.get("time", "")]))
         self._listed: dict[str, Packets | None] = {}
-        self._contents.let_go()
+        self._contents.drop_head()
 
     @property
     def holds_samples(self) -> bool:  # type: ignore[override]
@@ -83,7 +83,7 @@ class Aedat4Recording(FileRecording):
         return FormatError(self.path, f"damaged AEDAT 4: {error}", offset=at)
 
     def _packets(self, kind: str) -> Iterator[tuple[int, memoryview]]:
-        """Byte offset and content of the packets of a stream, in the file's order."""
+        """Yield byte offset and content of the packets of a stream, in the file's order."""
         data, at = self._contents.read(self._first, self._end).data, self._first
         while at + HEADER <= self._end:
             stream, size = struct.unpack_from(PACKET, data, at - self._first)
@@ -98,38 +98,39 @@ class Aedat4Recording(FileRecording):
             raise FormatError(self.path, f"truncated: {self._end - at} bytes are left over", offset=at)
 
     def _table(self, kind: str) -> Packets | None:
-        """The packets of a stream by the table at the file's end, or, of events of a large file, by a pass over them;
-        None if there is no table that makes sense.
+        """Return the packets of a stream by the table at the file's end, None if there is no valid one.
+
+        Packets of events of a large file without a table are found by a pass over the file.
         """
         if kind not in self._listed:
-            told = self._told
-            found = None if told is None else told.of(self._streams[kind][0])
-            self._listed[kind] = self._kept_or_walked() if found is None and kind == "EVTS" else found
+            listed = self._file_table
+            found = None if listed is None else listed.of(self._streams[kind][0])
+            self._listed[kind] = self._cached_or_scanned() if found is None and kind == "EVTS" else found
         return self._listed[kind]
 
-    def _kept_or_walked(self) -> Packets | None:
-        """The packets of events of a large file without a table: as kept beside it, or by a pass, and kept then."""
+    def _cached_or_scanned(self) -> Packets | None:
+        """Return the packets of events of a large file without a table, from the cache or by a pass over it."""
         stamp = self._contents.stamp
-        if not self.strict or stamp is None or stamp[0] < kept_index.LEAST:
+        if not self.strict or stamp is None or stamp[0] < index_cache.LEAST:
             return None
         about: dict[str, object] = {"format": self.format, "stamp": stamp, "ends": "in order"}
-        kept = (kept_index.restore(self.path, about, stamp[0]) or {}).get("packets")
+        kept = (index_cache.load_index(self.path, about, stamp[0]) or {}).get("packets")
         if kept is not None and self._fits(kept):
-            self._restored = True
+            self._cached = True
             return Packets(*kept)
         rows, left = [], self._allowance
         for at, packet in self._packets("EVTS"):
             t = self._content(at, packet, _events_of, left)["t"]
             if t.size:
-                # of one that isn't in order, the other way round: then the index says that none is to be relied on
+                # ends of a packet out of order are swapped, so that `ordered` is false and the index isn't used
                 ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (1, 0)
                 rows.append((self._streams["EVTS"][0], at + HEADER, len(packet), t.size, *ends))
         packets = np.array(rows, np.int64).reshape(-1, len(Packets._fields)).T
-        kept_index.keep(self.path, about, max(stamp[1:3]), {"packets": packets})
+        index_cache.save_index(self.path, about, max(stamp[1:3]), {"packets": packets})
         return Packets(*packets)
 
     def _fits(self, kept: np.ndarray) -> bool:
-        """Whether a kept index can be one of this file, of which some packets are compared with it."""
+        """Return whether a cached index can be one of this file; some of its packets are compared with the file."""
         if kept.dtype != np.int64 or kept.ndim != 2 or len(kept) != len(Packets._fields):
             return False
         packets = Packets(*kept)
@@ -137,7 +138,7 @@ class Aedat4Recording(FileRecording):
         inside = not edges.size or (edges[0] >= self._first and edges[-1] <= self._end and is_sorted(edges))
         if not (inside and (packets.size > 0).all() and (packets.elements > 0).all()):
             return False
-        some_packets, left = packets.take(kept_index.some_of(packets.at.size)), self._allowance
+        some_packets, left = packets.take(index_cache.entries_to_compare(packets.at.size)), self._allowance
         try:
             heads = [self._contents.read(at - HEADER, at).view("<i4").tolist() for at in some_packets.at.tolist()]
             if heads != np.stack((some_packets.stream, some_packets.size), 1).tolist():
@@ -145,12 +146,12 @@ class Aedat4Recording(FileRecording):
             parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(some_packets)]
         except FormatError:
             return False
-        # of packets that aren't in order, the index has no times
+        # the index has no times of packets out of order
         return self._agree(some_packets, parts) or not packets.ordered
 
     @cached_property
-    def _told(self) -> Packets | None:
-        """The packets of all streams by that table; None if there is none that tells what lies where."""
+    def _file_table(self) -> Packets | None:
+        """The packets of all streams by the table at the file's end; None if it is missing or invalid."""
         if not self.strict or self._end == self._contents.size:
             return None
         try:
@@ -159,14 +160,14 @@ class Aedat4Recording(FileRecording):
             found = packets_of(memoryview(table), self._first, self._end)
         except Exception:  # lz4 and zstandard raise their own errors
             return None
-        # a wrong number of a stream would hide a packet
+        # a wrong stream number would hide a packet
         places = [(at - HEADER, at) for at in found.at.tolist()]
         heads = b"".join(head.tobytes() for head in self._contents.ranges(places))
         same = np.array_equal(np.frombuffer(heads, "<i4").reshape(-1, 2), np.stack((found.stream, found.size), 1))
         return found if same else None
 
     def _chosen(self, packets: Packets) -> Iterator[tuple[int, memoryview]]:
-        """Byte offset and content of some packets of the table."""
+        """Yield byte offset and content of some packets of the table."""
         begin, end = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
         for at, content in zip(begin, self._contents.ranges(list(zip(begin, end, strict=True))), strict=True):
             yield at, content.data[HEADER:]
@@ -174,7 +175,7 @@ class Aedat4Recording(FileRecording):
     def decode(self) -> Columns:
         columns: list[Columns] = []
         for part in self._parts():
-            # at once, while its bytes are in the cache
+            # now, while its bytes are in the processor's cache
             valid = self._valid(part)
             if valid is None:
                 return self._columns(list(self._parts()))
@@ -182,16 +183,16 @@ class Aedat4Recording(FileRecording):
         return concatenate(columns) if columns else Columns.empty(0)
 
     def _parts(self) -> Iterator[np.ndarray]:
-        """The events of each packet. FormatError, also if not strict, if none can be read."""
+        """Yield the events of each packet. FormatError, even if not strict, if none can be read."""
         return self._readable(self._packets("EVTS"), _events_of, "packets", some=True)
 
     def _readable(
-        self, packets: Iterator[tuple[int, memoryview]], read: Callable[[memoryview], What], name: str, *, some: bool
-    ) -> Iterator[What]:
-        """What `read` finds in packets.
+        self, packets: Iterator[tuple[int, memoryview]], read: Callable[[memoryview], Content], name: str, *, some: bool
+    ) -> Iterator[Content]:
+        """Yield the result of `read` for each packet.
 
-        If not strict, damaged ones are left out, and so is what follows once packets can't be told apart; but if `some`
-        must be there and none is, the first error is raised.
+        If not strict, damaged packets are left out, and so is everything after a damaged size. But if `some` is true
+        and no packet can be read, the first error is raised.
         """
         count, damaged, first, left = 0, 0, None, self._allowance
         try:
@@ -215,13 +216,13 @@ class Aedat4Recording(FileRecording):
             raise first
 
     def _valid(self, events: np.ndarray) -> Columns | None:
-        """The columns of a packet's events; None if any of them is odd."""
+        """Return the columns of a packet's events; None if any of them is invalid."""
         columns = Columns.empty(events.size)
         words = np.frombuffer(events.tobytes(), np.int64)
         return columns if aedat4_decode(words, LATEST, *self._limits, *columns) else None
 
     def _columns(self, parts: list[np.ndarray], first: int = 0) -> Columns:
-        """The columns of packets' events, of which the first has the number `first`."""
+        """Return the columns of packets' events; the first event has the number `first` in the file."""
         valid = [columns for part in parts if (columns := self._valid(part)) is not None]
         if len(valid) == len(parts):
             return concatenate(valid) if valid else Columns.empty(0)
@@ -234,13 +235,13 @@ class Aedat4Recording(FileRecording):
         if packets is None or not packets.ordered:
             return None
         lo, hi = int(packets.end.searchsorted(start)), int(packets.start.searchsorted(stop))
-        # neighbors, too, to see that the window doesn't reach into them
+        # one more packet on each side, to check that the window doesn't overlap them
         lo, hi = max(lo - 1, 0), min(max(lo, hi) + 1, packets.at.size)
         touched = packets.take(slice(lo, hi))
         left = self._allowance
         parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(touched)]
         columns = self._columns(parts, int(packets.elements[:lo].sum()))
-        whole = not self._restored or self._leaves_none_out(touched, lo == 0, hi == packets.at.size)
+        whole = not self._cached or self._leaves_none_out(touched, lo == 0, hi == packets.at.size)
         if not (is_sorted(columns.t) and self._agree(touched, parts) and whole):
             self._listed["EVTS"] = None
             return None
@@ -263,7 +264,7 @@ class Aedat4Recording(FileRecording):
         return int(packets.start[0]), int(packets.end[-1])
 
     def _leaves_none_out(self, packets: Packets, first: bool, last: bool) -> bool:
-        """Whether no packet of events lies between those of a kept index, before the `first` and behind the `last`."""
+        """Return whether a cached index lists all packets between these, and before the `first` or after the `last`."""
         begins, ends = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
         begins, ends = begins[not first :] + [self._end] * last, [self._first] * first + ends[: len(ends) - (not last)]
         left = self._allowance
@@ -274,21 +275,21 @@ class Aedat4Recording(FileRecording):
                     return False
                 if stream == self._streams["EVTS"][0]:
                     packet = self._contents.read(at + HEADER, at + HEADER + size).data
-                    # one without events isn't in the index
+                    # packets without events aren't in the index
                     if self._content(at, packet, _events_of, left).size:
                         return False
                 at += HEADER + size
         return True
 
     def _agree(self, packets: Packets, parts: list[np.ndarray]) -> bool:
-        """Whether packets hold what the table says."""
+        """Return whether packets agree with the table."""
         if [part.size for part in parts] != packets.elements.tolist():
             return False
         ends = [(part["t"][0], part["t"][-1]) for part in parts]
         return ends == list(zip(packets.start.tolist(), packets.end.tolist(), strict=True))
 
     def _timed(self, events: np.ndarray, first: int) -> np.ndarray:
-        """The events whose times Events can hold; the first has the number `first`."""
+        """Return the events whose times `Events` supports; the first has the number `first` in the file."""
         late = (events["t"] <= -LATEST) | (events["t"] >= LATEST)
         if self.strict and late.any():
             raise FormatError(self.path, f"event {first + int(np.argmax(late))}: a time at or beyond 2^62 µs")
@@ -297,27 +298,27 @@ class Aedat4Recording(FileRecording):
 
     @property
     def _allowance(self) -> Allowance:
-        """Return the limit to which packets that are read together may inflate."""
+        """Return a new limit for packets that are decompressed together."""
         return Allowance(self._contents.size)
 
-    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], What], left: Allowance) -> What:
-        """What `read` finds in a packet; FormatError if it is damaged, or inflates further than is `left`."""
+    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], Content], left: Allowance) -> Content:
+        """Return the result of `read` for a packet. FormatError if it is damaged, or expands to more than is `left`."""
         most = left.of(len(packet))
         try:
             inflated = self._inflate(packet, most)
             left.take(len(inflated))
             return read(memoryview(inflated))
         except OverflowError as error:
-            # not again for each such packet
+            # so that the next such packet fails at once
             left.take(most)
             raise FormatError(self.path, f"{error}, too far: {left.reason}", offset=at) from error
         except Exception as error:  # lz4 and zstandard raise their own errors
             raise self._fault(at, error) from error
 
     def _samples(
-        self, kind: str, read: Callable[[memoryview], What], start: int | None, stop: int | None
-    ) -> Iterator[What]:
-        """What the packets of a stream hold; those that lie outside a window, as the table says, are left out."""
+        self, kind: str, read: Callable[[memoryview], Content], start: int | None, stop: int | None
+    ) -> Iterator[Content]:
+        """Yield the result of `read` for the packets of a stream, without those outside the window by the table."""
         check_window(start, stop)
         if kind not in self._streams:
             return
@@ -330,17 +331,17 @@ class Aedat4Recording(FileRecording):
         yield from self._readable(packets, read, f"packets of {kind}", some=False)
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
-        return within(self._samples("FRME", frame_of, start, stop), start, stop)
+        return within(self._samples("FRME", unpack_frame, start, stop), start, stop)
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
-        return Inertial.joined(list(self._samples("IMUS", inertial_of, start, stop))).window(start, stop)
+        return Inertial.joined(list(self._samples("IMUS", unpack_inertial, start, stop))).window(start, stop)
 
     def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
-        return Triggers.joined(list(self._samples("TRIG", triggers_of, start, stop))).window(start, stop)
+        return Triggers.joined(list(self._samples("TRIG", unpack_triggers, start, stop))).window(start, stop)
 
 
 def _events_of(payload: memoryview) -> np.ndarray:
-    """The events of a packet, [N] of EVENT."""
+    """Return the events of a packet, [N] of EVENT."""
     first, count = Table.root(payload, 4, b"EVTS").vector(0)
     if count * EVENT.itemsize > len(payload) - first:
         raise ValueError(f"{count} events in {len(payload)} bytes")
@@ -348,7 +349,7 @@ def _events_of(payload: memoryview) -> np.ndarray:
 
 
 def _streams(root: Any) -> dict[str, tuple[int, dict[str, str]]]:
-    """Number of the first stream of each type, and what is said of it; ValueError if there is none of events."""
+    """Return number and attributes of the first stream of each type. ValueError if there is none of events."""
     found: dict[str, tuple[int, dict[str, str]]] = {}
     for node in root.iter("node"):
         attributes = {attr.get("key"): attr.text or "" for attr in node.findall("attr")}

@@ -1,4 +1,4 @@
-"""Frames, inertial samples and triggers in the packets of AEDAT 4 files: struct.error or ValueError for broken ones."""
+"""Frames, inertial samples and triggers in packets of AEDAT 4; struct.error or ValueError for damaged packets."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from nvsdata.data.samples import Frame, Inertial, Triggers
 from nvsdata.formats.aedat.flatbuffer import Rows, Table, layout_of, packed_vector
 
 RISING, FALLING, PULSE = 1, 2, 3  # types of external triggers; others are the camera's own signals
-LONG = 1_000_000  # µs; a frame's times lie closer together
-LARGEST = 2**15 - 1  # number of pixels along a side
+LONG = 1_000_000  # µs; the times of a frame are closer together
+LARGEST = 2**15 - 1  # pixels along a side
 GRAY_8, GRAY_16 = 0, 2  # types of frames, as OpenCV numbers them
 SAMPLE = np.dtype(
     [("way", "<i4"), ("temperature", "<f4"), ("t", "<i8"), ("acceleration", "<f4", 3), ("rotation", "<f4", 3)]
@@ -20,11 +20,11 @@ SAMPLE_LAYOUT = layout_of(SAMPLE.itemsize, (8, 4, 16, 20, 24, 28, 32, 36))
 FRAME_LAYOUT = layout_of(60, (4, 12, 20, 28, 36, 52, 44, 46, 48, 50, 56))
 
 
-def frame_of(payload: memoryview) -> Frame:
-    """The frame of a packet; of a colored one, its gray values."""
+def unpack_frame(payload: memoryview) -> Frame:
+    """Return the frame of a packet; colors are converted to gray."""
     table = Table.root(payload, 4, b"FRME")
     time = table.number(0, "<q", 0)
-    # 0 may stand for what isn't known; but where the clock begins, it is a time
+    # 0 may mean unknown; but near the clock's start it is a time
     begin = table.number(3, "<q", time)
     begin = begin if begin or abs(time) < LONG else time
     first = table.number(1, "<q", begin)
@@ -32,7 +32,7 @@ def frame_of(payload: memoryview) -> Frame:
     last, end = (table.number(field, "<q", 0) for field in (2, 4))
     width, height, x, y = (table.number(field, "<h", 0) for field in range(6, 10))
     kind = table.number(5, "<b", 0)
-    # as OpenCV numbers them: depth in three bits, then channels less one
+    # numbers of OpenCV: depth in three bits, then the number of channels minus 1
     depth, channels = {0: np.uint8, 2: np.uint16}.get(kind & 7), (kind >> 3) + 1
     place, size = table.vector(10)
     if depth is None or min(width, height) < 1 or size != width * height * channels * np.dtype(depth).itemsize:
@@ -41,17 +41,17 @@ def frame_of(payload: memoryview) -> Frame:
     return Frame(first, begin, max(end, begin), max(last, end, begin), x, y, _gray(pixels).astype(np.uint16))
 
 
-def packed_frame(frame: Frame) -> bytes:
-    """The content of a packet with a frame: 8 bits per pixel if they hold it, else 16."""
+def pack_frame(frame: Frame) -> bytes:
+    """Return the content of a packet with a frame, with 8 bits per pixel if they suffice, otherwise 16."""
     height, width = frame.pixels.shape
     if min(height, width) < 1 or max(height, width, abs(frame.x), abs(frame.y)) > LARGEST:
         raise ValueError(
-            f"a frame of {width}x{height} at {frame.x}, {frame.y}: AEDAT 4 holds 1 to {LARGEST} pixels a side"
+            f"a frame of {width}x{height} at {frame.x}, {frame.y}: AEDAT 4 supports 1 to {LARGEST} pixels along a side"
         )
     small = int(frame.pixels.max(initial=0)) < 256
     kind, pixels = (GRAY_8, frame.pixels.astype(np.uint8)) if small else (GRAY_16, frame.pixels.astype("<u2"))
     times = frame.exposure_start, frame.start, frame.end, frame.exposure_start, frame.exposure_end
-    # way to the table, name, layout, way back to it; the fields; way to the pixels, their number
+    # offset of the table, name, layout, offset back to it; the fields; offset of the pixels, and their number
     flat = struct.pack("<I4s", 40, b"FRME") + FRAME_LAYOUT
     flat += (
         struct.pack("<i5q4hb3xII", len(FRAME_LAYOUT), *times, width, height, frame.x, frame.y, kind, 4, pixels.nbytes)
@@ -72,23 +72,23 @@ def _gray(pixels: np.ndarray) -> np.ndarray:
     return gray
 
 
-def inertial_of(payload: memoryview) -> Inertial:
-    """The inertial samples of a packet."""
+def unpack_inertial(payload: memoryview) -> Inertial:
+    """Return the inertial samples of a packet."""
     rows = Rows(payload, *Table.root(payload, 4, b"IMUS").vector(0))
     temperature, *rest = (rows.column(field, "<f4") for field in range(1, 8))
     return Inertial(rows.column(0, "<i8"), np.stack(rest[:3], 1), np.stack(rest[3:], 1), temperature)
 
 
-def packed_inertial(samples: Inertial) -> bytes:
-    """The content of a packet with inertial samples."""
+def pack_inertial(samples: Inertial) -> bytes:
+    """Return the content of a packet with inertial samples."""
     rows = np.zeros(samples.t.size, SAMPLE)
     for name, column in samples._asdict().items():
         rows[name] = column
     return packed_vector(b"IMUS", rows, SAMPLE_LAYOUT)
 
 
-def triggers_of(payload: memoryview) -> Triggers:
-    """The external triggers of a packet; a pulse counts as rising."""
+def unpack_triggers(payload: memoryview) -> Triggers:
+    """Return the external triggers of a packet; a pulse counts as a rising edge."""
     rows = Rows(payload, *Table.root(payload, 4, b"TRIG").vector(0))
     kind = rows.column(1, "<i1")
     external = (kind >= RISING) & (kind <= PULSE)

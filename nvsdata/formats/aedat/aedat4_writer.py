@@ -1,4 +1,4 @@
-"""AEDAT 4 files of events, frames and inertial samples: packets by LZ4, and the table that tells where each is."""
+"""Writes AEDAT 4 files of events, frames and inertial samples: packets compressed by LZ4, and a table of them."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import numpy as np
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
 from nvsdata.formats.aedat.aedat4_packets import EVENT, LZ4, MAGIC, PACKET, deflater
-from nvsdata.formats.aedat.aedat4_samples import packed_frame, packed_inertial
+from nvsdata.formats.aedat.aedat4_samples import pack_frame, pack_inertial
 from nvsdata.formats.aedat.flatbuffer import layout_of, packed_vector
-from nvsdata.formats.writing import Pieces, headed, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, time_comment
 
 MOST = 8192  # events in a packet
-SOURCE = "nvsdata"  # where a file names the camera
+SOURCE = "nvsdata"  # camera's name in files without one
 LONGEST = 64  # bytes of a camera's name
-ROOM = 3072  # bytes for the description of streams
-# a row of the table: where its layout is described, a gap (memory that isn't set would get into the file), its fields
+XML_BYTES = 3072  # the description of streams is padded to this size
+# a row of the table: offset of its layout, padding (a named field, so that it is set to 0), fields
 ROW = np.dtype(
     {
         "names": ["way", "gap", "at", "stream", "size", "count", "first", "last"],
@@ -61,15 +61,15 @@ def write(pieces: Pieces, path: Path) -> None:
     compress = deflater()
     rows: list[tuple[Any, ...]] = []
     about: dict[str, Any] = {}
-    end = -1  # where the table begins
+    end = -1  # offset of the table
 
     def header(pieces: Pieces) -> bytes:
-        # which streams there are, and the camera's name, is known when all pieces have passed
+        # the streams and the camera's name are known only after all pieces
         seen = {EVENTS, *(stream for _, _, _, stream, *_ in rows)}
         camera = re.sub(r"[^ -~]|[<>&]", "?", str(about.get("camera", SOURCE)))
-        return _header(_xml(pieces, seen, camera[:LONGEST]).ljust(ROOM), end)
+        return _header(_xml(pieces, seen, camera[:LONGEST]).ljust(XML_BYTES), end)
 
-    with headed(path, pieces, header) as file:
+    with file_with_header(path, pieces, header) as file:
         for piece in pieces:
             for stream, content, times in _packets(piece):
                 packed = compress(content)
@@ -82,25 +82,25 @@ def write(pieces: Pieces, path: Path) -> None:
 
 
 def _packets(piece: Events) -> Iterator[tuple[int, bytes, Sequence[int] | np.ndarray]]:
-    """Stream, content and times of each packet of a piece."""
+    """Yield stream, content and times of each packet of a piece."""
     for part in _parts(piece):
         yield EVENTS, _events(part), part.t
     if isinstance(piece, Piece):
         for frame in piece.frames:
-            yield FRAMES, packed_frame(frame), [frame.exposure_start]
+            yield FRAMES, pack_frame(frame), [frame.exposure_start]
         if piece.inertial.t.size:
-            yield SAMPLES, packed_inertial(piece.inertial), piece.inertial.t
+            yield SAMPLES, pack_inertial(piece.inertial), piece.inertial.t
 
 
 def _xml(pieces: Pieces, streams: Set[int], source: str) -> str:
-    """What describes the streams; shorter for fewer of them, and for a shorter name of the camera."""
+    """Return the description of the streams; its length depends on their number and on the camera's name."""
     facts = FACT.format("source", "string", source)
     size = "".join(FACT.format(f"size{axis}", "int", side) for axis, side in zip("XY", pieces.sensor_size, strict=True))
     time = FACT.format("time", "string", time_comment(pieces))
-    told = ((size, facts, time), (size, facts), (facts,))
+    facts_of = ((size, facts, time), (size, facts), (facts,))
     return XML.format(
         streams="".join(
-            STREAM.format(number=n, name=name, description=description, kind=kind, facts="".join(told[n]))
+            STREAM.format(number=n, name=name, description=description, kind=kind, facts="".join(facts_of[n]))
             for n, (name, kind, description) in enumerate(STREAMS)
             if n in streams
         )
@@ -108,24 +108,24 @@ def _xml(pieces: Pieces, streams: Set[int], source: str) -> str:
 
 
 def _parts(events: Events) -> Iterator[Events]:
-    """The events of each packet."""
+    """Yield the events of each packet."""
     for first in range(0, len(events), MOST):
         yield events[first : first + MOST]
 
 
 def _header(xml: str, end: int) -> bytes:
-    """What comes before the packets. Its length depends on that of `xml` alone."""
+    """Return the bytes before the packets. Their number depends only on the length of `xml`."""
     text = xml.encode()
-    # place of the table, name, its layout (places of the fields), the table, the string
+    # offset of the table, name, its layout (offsets of the fields), the table, the string
     flat = struct.pack("<I4s5H2x", 20, b"IOHE", 10, 20, 4, 8, 16) + struct.pack("<iiqI", 12, LZ4[0], end, 4)
     flat += struct.pack("<I", len(text)) + text + b"\0"
     return MAGIC + struct.pack("<I", len(flat)) + flat
 
 
 def _events(events: Events) -> bytes:
-    """The content of a packet."""
+    """Return the content of a packet of events."""
     packed = np.zeros(len(events), EVENT)
     packed["t"], packed["x"], packed["y"], packed["on"] = events.columns
-    # place of the table, name, its layout, the table, length of the vector
+    # offset of the table, name, its layout, the table, length of the vector
     flat = struct.pack("<I4s2x3HiII", 16, b"EVTS", 6, 8, 4, 6, 4, len(packed)) + packed.tobytes()
     return struct.pack("<I", len(flat)) + flat

@@ -42,7 +42,7 @@ class Evt2Recording(EvtRecording):
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write EVT2. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^51 µs."""
+    """Write EVT2. ValueError for coordinates above 2047, and for times before 0 or at or beyond 2^51 µs."""
     write_words(pieces, path, "2.0", evt2_encode)
 
 
@@ -54,7 +54,7 @@ class Evt21Recording(EvtRecording):
     low_bits, high_bits = 6, 28
     walk, decode_words = evt21_walk, evt21_decode
     find_triggers = evt21_triggers
-    _reversed = False  # whether the half with the type comes second
+    _reversed = False  # whether the half with the type is the second one
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, head, strict)
@@ -62,7 +62,7 @@ class Evt21Recording(EvtRecording):
         self._reversed = stated[1].lower() == "little" if stated else self._seems_reversed()
 
     def _seems_reversed(self) -> bool:
-        """Whether more words hold a time in their second half than in their first; the other half is 0 then."""
+        """Return whether more words have a time in their second half than in their first; the other half is 0 then."""
         halves = self.contents.read(self._byte(0), self._byte(min(self.records, LOOKED_AT))).view("<u4").reshape(-1, 2)
         first, second = np.count_nonzero((halves >> 28 == TIME) & (halves[:, ::-1] == 0), 0)
         return bool(second > first)
@@ -75,12 +75,12 @@ class Evt21Recording(EvtRecording):
     def _most(self, raw: np.ndarray) -> int:
         return int(evt21_count(raw))
 
-    def _room(self, most: int, done: int, total: int) -> int:
+    def _capacity(self, most: int, done: int, total: int) -> int:
         return extrapolated(most, done, total)
 
 
 def write_evt21(pieces: Pieces, path: Path) -> None:
-    """Write EVT 2.1. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^51 µs."""
+    """Write EVT 2.1. ValueError for coordinates above 2047, and for times before 0 or at or beyond 2^51 µs."""
     write_words(pieces, path, "2.1", evt21_encode, option=";endianness=legacy")
 
 

@@ -1,4 +1,4 @@
-"""Prophesee RAW, EVT3: words of 16 bits, with rows, times and vectors of pixels of their own."""
+"""Prophesee RAW, EVT3: words of 16 bits, each for a row, a time, an event or a vector of pixels."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Evt3Recording(EvtRecording):
     find_triggers = evt3_triggers
 
     def _most(self, raw: np.ndarray) -> int:
-        # one more, because words that are no events are written, too, and then written over
+        # one more, because the kernel also writes words that aren't events, and then overwrites them
         return int(evt3_count(raw)) + 1
 
-    def _room(self, most: int, done: int, total: int) -> int:
+    def _capacity(self, most: int, done: int, total: int) -> int:
         return extrapolated(most, done, total)
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write EVT3. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^40 µs (0.5 MB of wraps)."""
+    """Write EVT3. ValueError for coordinates above 2047, and for times outside [0, 2^40) µs (0.5 MB of wraps)."""
     write_words(pieces, path, "3.0", evt3_encode, state=3, bits=40)
 
 

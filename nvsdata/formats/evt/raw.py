@@ -1,7 +1,7 @@
-"""Prophesee RAW (`.raw`): what EVT2, EVT 2.1 and EVT3 share. Lines that begin with `% `, then little-endian words.
+"""Prophesee RAW (`.raw`), base of EVT2, EVT 2.1 and EVT3: lines that begin with `% `, then little-endian words.
 
-The header names the encoding (`% evt 3.0`, or `% format EVT3;height=720;width=1280`) and may state
-the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
+The header names the encoding (`% evt 3.0`, or `% format EVT3;height=720;width=1280`), and may state the sensor
+(`% geometry 1280x720`, `% Width`, `% Height`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from nvsdata.data.samples import Triggers
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.indexed import Entry, IndexedFile
 from nvsdata.formats.records import Blocks, stated_size
-from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode.clock import BACK_US, SILENT_US, kept_words
 from nvsdata.kernels.decode.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, TIME, UNSEEN
 from nvsdata.kernels.decode.order import is_sorted
@@ -28,13 +28,17 @@ MAX_ADDRESS = 0x7FF
 
 
 class EvtRecording(IndexedFile):
-    """A file of words of one type and size. Events before the first time word are left out, because they have no time.
+    """A file of words of one size. Events before the first time word are left out, because they have no time.
 
-    A subclass must define `record_size` and
+    A subclass must define `record_size` and the following.
 
-    - `low_bits`, `high_bits`: of the time, in events and in words of its own
-    - `state_size`: numbers of the kernels' state
-    - `walk`, `decode_words`, `find_triggers`: its kernels, as in `kernels.decode.evt2`
+    Attributes:
+        low_bits: Number of bits of the time in event words.
+        high_bits: Number of bits of the time in time words.
+        state_size: Number of integers in the kernels' state.
+        walk: Kernel that computes the index, as in `kernels.decode.evt2`.
+        decode_words: Kernel that decodes events.
+        find_triggers: Kernel that decodes triggers.
     """
 
     block = 4096
@@ -48,12 +52,12 @@ class EvtRecording(IndexedFile):
     _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
 
     def _heads(self, raw: np.ndarray) -> np.ndarray:
-        """The words of a piece, or their lower halves of 32 bits: a type begins at bit `high_bits`."""
+        """Return the words, or their lower halves of 32 bits, whose type begins at bit `high_bits`."""
         size = min(self.record_size, 4)
         return raw.view(f"<u{size}")[:: self.record_size // size]
 
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
-        """The bytes of a piece in the order that kernels take."""
+        """Return the bytes of a piece in the order that kernels expect."""
         return raw
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
@@ -64,10 +68,10 @@ class EvtRecording(IndexedFile):
         stated = _stated_size(self.header)
         if self._size is None and stated:
             self._size = stated_size(path, *stated)
-        self._lasts(stated_time(lines))
+        self._state_times(stated_time(lines))
 
     def _index(self) -> Blocks:
-        """The index, by the last event before each block, because a block's first word needn't be an event."""
+        """Compute the index by the last event before each block, because a block's first word may not be an event."""
         walk = self._walk()
         if walk[0][JUMP] >= 0:
             strays = self._strays()
@@ -83,7 +87,7 @@ class EvtRecording(IndexedFile):
         return Blocks(times, states, not seen[FALLS], (max(int(seen[FIRST]), 0), max(int(seen[LAST]), 0)))
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What a walk over all words has seen (see `kernels.decode.evt`), and the blocks' states and times."""
+        """Pass over all words; return the statistics of `kernels.decode.evt`, and the states and times of blocks."""
         count, (state, seen) = -(-self.records // self.block), self._parts(self._begun())
         states, times = np.empty((count, state.size), np.int64), np.empty(count, np.int64)
         for raw in self._pieces(0, self.records):
@@ -102,7 +106,7 @@ class EvtRecording(IndexedFile):
         return Entry(int(times[block - before]), states[block - before].tolist(), first, last)
 
     def _strays(self) -> np.ndarray:
-        """Indices of the time words that no camera wrote."""
+        """Return the indices of the time words that no camera wrote."""
         begin, places, highs = 0, [], []
         for raw in self._pieces(0, self.records):
             words = self._heads(raw)
@@ -133,11 +137,11 @@ class EvtRecording(IndexedFile):
         return state
 
     def _begun(self) -> np.ndarray:
-        """The state before any word, and what was seen until then."""
+        """Return the state and the statistics before the first word."""
         return np.array([NO_TIME, *[0] * (self.state_size - 1), *UNSEEN])
 
     def _parts(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The kernels' state, and what they have seen."""
+        """Return views of the kernels' state, and of their statistics."""
         return state[: self.state_size], state[self.state_size :]
 
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
@@ -145,19 +149,19 @@ class EvtRecording(IndexedFile):
         return count, bad
 
     def decode(self) -> Columns:
-        """All events, without the index unless the clock is damaged."""
+        """Decode all events, without the index unless the clock is damaged."""
         columns, state = self._run(0, self.records)
         if self._parts(state)[1][JUMP] >= 0 and self._blocks is None:
-            # an error, or words that are dropped
+            # this raises an error, or finds the words to drop
             self._blocks = self._index()
             columns, _ = self._run(0, self.records)
         self._rises = is_sorted(columns.t)
         return columns
 
     def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
-        """External triggers with start <= t < stop (µs, as in the file); all words are walked over."""
+        """Return the external triggers with start <= t < stop (µs, in the file's clock) by a pass over all words."""
         check_window(start, stop)
-        # so that damage is found
+        # computing the index finds damage
         self._blocks = self.blocks
         state = self._begun()
         find = type(self).find_triggers
@@ -166,8 +170,8 @@ class EvtRecording(IndexedFile):
 
 
 def extrapolated(most: int, done: int, total: int) -> int:
-    """The room to make for the events of `total` words if the first `done` hold at most `most`."""
-    # with an eighth to spare, because more room later costs a copy; but the rest may be sparser than the beginning
+    """Return the space to allocate for the events of `total` words if the first `done` words have at most `most`."""
+    # an eighth more, because growing later costs a copy; but the rest may be sparser than the beginning
     return min(most * total // done * 9 // 8, 2 * most + 4 * (total - done)) if done < total else most
 
 
@@ -180,7 +184,7 @@ def _stated_size(text: str) -> tuple[str, str] | None:
 
 
 def names_encoding(pattern: str) -> Callable[[bytes], Any]:
-    """A test `begins` for files whose header names an encoding such as "3"."""
+    """Return a function `begins` for files whose header names an encoding such as "3"."""
     return re.compile(rb"(?:%%[^\n]*\n)*?%% (?i:evt |format EVT)%b(?!\.?[1-9])" % pattern.encode()).match
 
 
@@ -194,14 +198,15 @@ def write_words(
     bits: int = 51,
     option: str = "",
 ) -> None:
-    """Write a file: `encode` gives the words of a piece, and updates a state of `state` numbers, -1 at first.
+    """Write a file. `encode` returns the words of a piece, and updates a state of `state` integers, -1 at first.
 
-    ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^bits µs: the file tells every wrap since 0.
+    ValueError for coordinates above 2047, and for times before 0 or at or beyond 2^bits µs, because the file contains
+    every wrap of the time since 0.
     """
     name = f"EVT {version}"
     if max(pieces.sensor_size) > MAX_ADDRESS + 1:
-        raise ValueError(f"{name} holds coordinates up to {MAX_ADDRESS} only")
-    shown = np.full(state, -1, np.int64)
+        raise ValueError(f"{name} supports coordinates up to {MAX_ADDRESS} only")
+    written = np.full(state, -1, np.int64)
 
     def header(pieces: Pieces) -> bytes:
         width, height = pieces.sensor_size
@@ -211,10 +216,12 @@ def write_words(
             f"{line}\n" for line in (*(f"% {line}" for line in lines), time_comment(pieces, "%"), "% end")
         ).encode()
 
-    with headed(path, pieces, header) as file:
+    with file_with_header(path, pieces, header) as file:
         for events in pieces:
             if events.t[0] < 0 or events.t[-1] >= 1 << bits:
                 first, last = events.t[0], events.t[-1]
                 hint = "T.RelativeTime() counts them from the recording's beginning"
-                raise ValueError(f"times from {first} to {last} µs: {name} holds those from 0 to 2^{bits} only; {hint}")
-            file.write(encode(*events.columns, shown).data)
+                raise ValueError(
+                    f"times from {first} to {last} µs: {name} supports those from 0 to 2^{bits} only; {hint}"
+                )
+            file.write(encode(*events.columns, written).data)

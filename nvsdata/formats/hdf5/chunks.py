@@ -1,8 +1,8 @@
-"""Values of HDF5 datasets, whose compressed chunks inflate to no more than their size.
+"""Values of HDF5 datasets, whose compressed chunks may not expand to more than their size.
 
-The HDF5 library makes room for whatever a chunk inflates to, and keeps it: a few MB take gigabytes. So chunks that are
-deflated, as they are in most compressed files, are inflated here, which takes less time, too; the library decodes only
-what is compressed or laid out otherwise.
+The HDF5 library allocates memory for whatever a chunk expands to, and keeps it, so that a file of a few MB can take
+gigabytes. So this module decompresses deflated chunks itself, which is faster, too. The library decodes other
+compressions and layouts.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from nvsdata.formats.contents import fast_zlib
 from nvsdata.formats.hdf5.file import name_of
 
 SHUFFLE, DEFLATE, CHECKSUM = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32
-OURS = ([DEFLATE], [SHUFFLE, DEFLATE])  # filters that are undone here, in the order in which they are applied
-# filters after which a chunk may be longer than before, one of them at most: the library's own, then bzip2, Blosc, LZ4,
-# Zstandard and Blosc2
+OURS = ([DEFLATE], [SHUFFLE, DEFLATE])  # lists of filters that this module undoes, in the order of writing
+# filters that can expand a chunk; at most one of them is allowed: the library's own, then bzip2, Blosc, LZ4, Zstandard
+# and Blosc2
 EXPANDING = (DEFLATE, h5py.h5z.FILTER_SZIP, h5py.h5z.FILTER_LZF, 307, 32001, 32004, 32015, 32026)
-SPARE = 1024  # bytes that other filters may add to a chunk
+SPARE = 1024  # bytes that filters may add to a chunk
 
-Place = tuple[int, ...]
+Offset = tuple[int, ...]
 
 
 class Chunks:
-    """The values of a dataset, an object of h5py; the chunk that was read last is kept."""
+    """The values of a dataset of h5py; the last decompressed chunk is cached."""
 
     def __init__(self, path: Any, dataset: Any) -> None:
         self.path, self.dataset = path, dataset
@@ -42,7 +42,7 @@ class Chunks:
         after = self._filters[self._filters.index(DEFLATE) + 1 :] if self._deflated else []
         if sum(kind in EXPANDING for kind in self._filters) > 1 or not {CHECKSUM}.issuperset(after):
             raise FormatError(path, f"{name_of(dataset.id)} is compressed more than once, or changed after it")
-        self._last: tuple[Place, np.ndarray] | None = None
+        self._last: tuple[Offset, np.ndarray] | None = None
         if self._deflated:
             self._kind, self._shape, self._sides = dataset.dtype, dataset.shape, layout.get_chunk()
             self._size = math.prod(self._sides) * self._kind.itemsize
@@ -50,14 +50,14 @@ class Chunks:
             self._ours = plain and dataset.id.get_type().equal(h5py.h5t.py_create(self._kind, logical=True))
 
     def read(self, lo: int = 0, hi: int | None = None) -> np.ndarray:
-        """Rows lo..hi, all by default. FormatError if a chunk holds more bytes than it should."""
+        """Return rows lo..hi, all by default. FormatError if a chunk expands to more bytes than its size."""
         if not self.dataset.ndim:
             return np.asarray(self.dataset[()])
         found = self._inflated(lo, self.dataset.shape[0] if hi is None else hi) if self._deflated else None
         return np.asarray(self.dataset[lo:hi]) if found is None else found
 
     def _inflated(self, lo: int, hi: int) -> np.ndarray | None:
-        """Rows lo..hi; None if the library has to decode them."""
+        """Return rows lo..hi; None if the library must decode them."""
         first, last = min(lo, self._shape[0]), min(hi, self._shape[0])
         rows = np.empty((max(last - first, 0), *self._shape[1:]), self._kind)
         height, *sides = self._sides
@@ -79,8 +79,8 @@ class Chunks:
                 ]
         return rows if sound else None
 
-    def _chunk(self, place: Place) -> np.ndarray | None:
-        """The values of the chunk at `place`; None if the library has to decode it, or to say what is wrong."""
+    def _chunk(self, place: Offset) -> np.ndarray | None:
+        """Return the values of the chunk at `place`; None if the library must decode it, or report its damage."""
         if self._last is not None and self._last[0] == place:
             return self._last[1]
         mask, data = self.dataset.id.read_direct_chunk(place)
@@ -91,7 +91,7 @@ class Chunks:
             inflater = fast_zlib.decompressobj()
             raw = inflater.decompress(data, self._size + SPARE + 1)
         except fast_zlib.error:
-            # whatever isal doesn't know, the library does as zlib does
+            # what isal can't decompress, zlib, like the library, can
             inflater = zlib.decompressobj()
             try:
                 raw = inflater.decompress(data, self._size + SPARE + 1)
@@ -99,17 +99,17 @@ class Chunks:
                 return None
         if len(raw) > self._size + SPARE:
             where = f"a chunk of {name_of(self.dataset.id)} at {', '.join(map(str, place))}"
-            raise FormatError(self.path, f"{where} inflates to more than its {self._size} bytes")
+            raise FormatError(self.path, f"{where} expands to more than its {self._size} bytes")
         if mask or not self._ours or not inflater.eof or len(raw) != self._size:
             return None
         if SHUFFLE in self._filters and self._kind.itemsize > 1:
-            apart = np.frombuffer(raw, np.uint8).reshape(self._kind.itemsize, -1)
-            raw = np.ascontiguousarray(apart.T).data
+            shuffled = np.frombuffer(raw, np.uint8).reshape(self._kind.itemsize, -1)
+            raw = np.ascontiguousarray(shuffled.T).data
         chunk = np.frombuffer(raw, self._kind).reshape(self._sides)
         self._last = place, chunk
         return chunk
 
 
 def values_of(path: Any, dataset: Any) -> np.ndarray:
-    """All values of a dataset, as `Chunks` reads them."""
+    """Return all values of a dataset, as `Chunks` reads them."""
     return Chunks(path, dataset).read()

@@ -1,4 +1,4 @@
-"""Columns of HDF5 files: read directly where the file holds plain values, else by the HDF5 library."""
+"""Columns of HDF5 files: plain values are read directly, others by the HDF5 library."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from nvsdata.formats.hdf5.file import check_stored, dataset_of, opened, places_o
 from nvsdata.formats.ondisk import OnDisk, OpenFile
 from nvsdata.kernels.decode.order import is_sorted
 
-BLOCK = 1 << 20  # bytes that are converted at a time: few enough to stay in the cache
+BLOCK = 1 << 20  # bytes that are converted at a time; they fit the processor's cache
 SCANNED = 1 << 20  # values that are checked at a time
-BISECTED = 512  # this many values or fewer are read instead of bisected further
+BISECTED = 512  # bisection ends at this number of values
 
 
-class Source(OpenFile):
-    """A file, open while a block reads its columns; the HDF5 library opens it only for columns that it must decode."""
+class ColumnFile(OpenFile):
+    """A file that is open while a block reads its columns; the HDF5 library opens it only to decode compressed ones."""
 
     __slots__ = ("_chunks", "_library")
 
-    def __enter__(self) -> Source:
+    def __enter__(self) -> ColumnFile:
         super().__enter__()
         self._library: AbstractContextManager[Any] | None = None
         return self
@@ -40,11 +40,11 @@ class Source(OpenFile):
             self._library.__exit__(kind, error, tb)
 
     def chunks(self, name: str) -> Chunks:
-        """A dataset's values, which the HDF5 library or this process decodes."""
+        """Return the values of a dataset that must be decoded."""
         if self._library is None:
             self._library = opened(self.file.path, "can't read the events")
             file = self._library.__enter__()
-            # one object per dataset, because it keeps the chunk that it has decompressed
+            # one object per dataset, because it caches a decompressed chunk
             self._chunks = cache(lambda name: Chunks(self.file.path, dataset_of(self.file.path, file, name)))
         return self._chunks(name)
 
@@ -54,21 +54,21 @@ class Column(ABC):
 
     def __init__(self, name: str, size: int) -> None:
         self.name, self.size = name, size
-        self._seen: dict[int, int] = {}  # values that bisections have read: many bisections share their first ones
+        self._seen: dict[int, int] = {}  # values that bisections have read; they share their first ones
 
-    def value(self, source: Source, i: int) -> int:
-        """The value at index i."""
+    def value(self, source: ColumnFile, i: int) -> int:
+        """Return the value at index i."""
         if i not in self._seen:
             self._seen[i] = int(self.read(source, i, i + 1)[0])
         return self._seen[i]
 
     @abstractmethod
-    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
-        """Values lo..hi in new memory: of type `kind` if it holds all values of the stored type, else of that type."""
+    def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+        """Return values lo..hi in new memory, of type `kind` if that is at least as wide as the stored type."""
 
 
 class Plain(Column):
-    """A column that the file holds as plain values: `length` values at each of the bytes `places`."""
+    """A column of plain values in the file: `length` values at each of the offsets `places`."""
 
     def __init__(self, file: OnDisk, name: str, kind: Any, size: int, places: Sequence[int], length: int) -> None:
         super().__init__(name, size)
@@ -77,16 +77,16 @@ class Plain(Column):
             if place + min(length, size - i * length) * kind.itemsize > file.size:
                 raise FormatError(file.path, f"truncated within /{name}", offset=place)
 
-    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+    def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         widened = kind is not None and np.can_cast(self.kind, kind)
         values = np.empty(max(hi - lo, 0), kind if widened else self.kind)
-        room = np.empty(min(values.size, BLOCK // self.kind.itemsize), self.kind) if widened else values
+        buffer = np.empty(min(values.size, BLOCK // self.kind.itemsize), self.kind) if widened else values
         done = 0
         while done < values.size:
             part, first = divmod(lo + done, self._length)
-            count = min(values.size - done, self._length - first, max(room.size, 1))
+            count = min(values.size - done, self._length - first, max(buffer.size, 1))
             target = values[done : done + count]
-            raw = target if room is values else room[:count]
+            raw = target if buffer is values else buffer[:count]
             source.fill(self._places[part] + first * self.kind.itemsize, raw)
             if raw is not target:
                 target[:] = raw
@@ -95,15 +95,15 @@ class Plain(Column):
 
 
 class Stored(Column):
-    """A column, or a field of a table, that the HDF5 library reads: it is compressed, or its values aren't adjacent."""
+    """A column, or a field of a table, that must be decoded: it is compressed, or its values aren't adjacent."""
 
     def __init__(self, name: str, size: int, field: str | None = None) -> None:
         super().__init__(name, size)
         self._field = field
 
-    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+    def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.chunks(self.name).read(lo, max(lo, hi))
-        # in one piece: kernels take no numbers that lie between others
+        # contiguous, because kernels need contiguous arrays
         values = np.ascontiguousarray(rows if self._field is None else rows[self._field])
         if values.shape != (max(hi - lo, 0),) or values.dtype.kind not in "iub":
             raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
@@ -112,9 +112,9 @@ class Stored(Column):
 
 
 def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
-    """The column of an object of h5py's low-level API; FormatError if it is not a column of integers.
+    """Return the column of an object of h5py's low-level API. FormatError if it isn't a column of integers.
 
-    `left`: how far it may inflate together with others.
+    `left` limits the bytes to which it may expand, together with other columns.
     """
     if not isinstance(dataset, h5py.h5d.DatasetID):
         raise FormatError(file.path, f"/{name} is not a dataset")
@@ -128,8 +128,8 @@ def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
     return Plain(file, name, np.dtype(np.uint8) if kind.kind == "b" else kind, shape[0], places, length)
 
 
-def narrowed(column: Column, source: Source, value: int) -> tuple[int, int]:
-    """Two indices at most `BISECTED` apart, between which a column that never falls first reaches `value`."""
+def bisected(column: Column, source: ColumnFile, value: int) -> tuple[int, int]:
+    """Return two indices at most `BISECTED` apart, between which a sorted column first reaches `value`."""
     lo, hi = 0, column.size
     while hi - lo > BISECTED:
         middle = (lo + hi) // 2
@@ -140,11 +140,11 @@ def narrowed(column: Column, source: Source, value: int) -> tuple[int, int]:
     return lo, hi
 
 
-def rises(column: Column, source: Source) -> bool:
-    """Whether no value of a column is smaller than the one before it."""
+def rises(column: Column, source: ColumnFile) -> bool:
+    """Return whether no value of a column is smaller than the one before it."""
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))
-        # values beyond int64 wrap, so the column falls
+        # values beyond int64 wrap, so that the column falls
         if not is_sorted(values.astype(np.int64, copy=False)):
             return False
     return True

@@ -1,8 +1,8 @@
 """New HDF5 files whose writing errors are raised.
 
 The HDF5 library notices a full disk too late: h5py only prints errors that occur while a file is closed, and the
-process may crash. So the library writes through `_Disk`, which never fails: after an error of the disk it keeps in
-memory whatever the library still writes, until `check` raises the error. For the same reason no signal ends it.
+process may crash. So the library writes through `_Disk`, which never fails: after an error of the disk it stores in
+memory what the library still writes, and `check` raises the error. For the same reason, signals don't interrupt it.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import h5py
 
 from nvsdata.common.signals import never_within
 
-# the newer layout has checksums, and texts of fixed length need no heap: the library hangs on some damaged heaps
+# the newer layout has checksums, and strings of fixed length need no heap: the library hangs on some damaged heaps
 _LAYOUT: dict[str, Any] = {"libver": ("v110", "latest")}
 
 
 @contextmanager
 def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
-    """A new HDF5 file at `path`, in place of any file there, and its `_Disk`, whose `check` raises errors early.
+    """Create an HDF5 file that replaces any file at `path`; yield it and its `_Disk`, whose `check` raises errors.
 
-    At the end of the block the file is closed and, if no error is raised, complete. Raises the first OSError of the
-    writing.
+    At the end of the block the file is closed; it is complete if no error is raised. The first OSError of writing is
+    raised.
     """
     with _Disk(path) as disk:
         with never_within(_CALLED_BY_LIBRARY), h5py.File(disk, "w", **_LAYOUT) as file:
@@ -35,12 +35,12 @@ def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
 
 
 class _Disk(io.RawIOBase):
-    """A file for the HDF5 library: written and read at any place, in whole pieces, without ever failing."""
+    """A file for the HDF5 library, which is written and read at any offset, in full, and never fails."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)
         self._error: OSError | None = None
-        self._kept: list[tuple[int, bytes]] = []  # what was written after the error: place and content
+        self._kept: list[tuple[int, bytes]] = []  # offset and content of writes after the error
         self._at = self._end = 0
 
     def check(self) -> None:

@@ -1,8 +1,8 @@
-"""The contents of an HDF5 file itself: attributes, and datasets all of whose values are in the file.
+"""Safe access to HDF5 files: attributes, and datasets all of whose values are in the file itself.
 
-HDF5 has three ways to refer to other files: external links, virtual datasets and external storage. Through them a
-file could expose any file of the machine, wait forever on a pipe, or claim values that exist nowhere. They are
-refused, unless the environment has NVSDATA_HDF5_LINKS=1, which leaves them to the HDF5 library.
+HDF5 can refer to other files by external links, virtual datasets and external storage. With them, a file could expose
+any file of the machine, wait forever on a pipe, or claim values that don't exist. They are refused, unless the
+environment has NVSDATA_HDF5_LINKS=1, which leaves them to the HDF5 library.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from nvsdata.common.errors import FormatError
 from nvsdata.formats.contents import Allowance, most_bytes
 
 FOLLOW = "NVSDATA_HDF5_LINKS"
-MOST_LINKS = 16  # soft links on the way to one object
+MOST_LINKS = 16  # soft links in one path
 
 
 @contextmanager
 def opened(path: Any, reason: str) -> Iterator[Any]:
-    """h5py's file, open for reading; any error while it is open is a FormatError that begins with `reason`."""
+    """Open a file with h5py for reading. Any error while it is open becomes a FormatError that begins with `reason`."""
     try:
         with h5py.File(path, "r") as file:
             yield file
@@ -36,7 +36,7 @@ def opened(path: Any, reason: str) -> Iterator[Any]:
 
 
 def attribute(file: Any, name: str) -> Any:
-    """An attribute of a file, None if it has none; takes a third of the time of h5py's `attrs`."""
+    """Return an attribute of a file, None if it is missing, in a third of the time of h5py's `attrs`."""
     if not h5py.h5a.exists(file.id, name.encode()):
         return None
     found = h5py.h5a.open(file.id, name.encode())
@@ -48,7 +48,7 @@ def attribute(file: Any, name: str) -> Any:
 
 
 def text_of(file: Any, name: str) -> str:
-    """A text attribute of a file; empty if it has none."""
+    """Return a string attribute of a file; empty if it is missing."""
     value = attribute(file, name)
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
@@ -56,7 +56,7 @@ def text_of(file: Any, name: str) -> str:
 
 
 def number_of(path: Any, file: Any, name: str) -> int:
-    """An integer attribute of a file; FormatError if it has none."""
+    """Return an integer attribute of a file. FormatError if it is missing."""
     value = np.asarray(attribute(file, name))
     if value.size != 1 or value.dtype.kind not in "iuf" or value.item() % 1 != 0:
         raise FormatError(path, f"attribute {name} is {value}, not a whole number")
@@ -64,21 +64,21 @@ def number_of(path: Any, file: Any, name: str) -> int:
 
 
 def check_version(path: Any, file: Any, known: int) -> None:
-    """FormatError for a file of a newer version than `known`."""
+    """Raise FormatError for a file of a newer version than `known`."""
     version = number_of(path, file, "version")
     if version > known:
         raise FormatError(path, f"version {version} is newer than {known}: update nvsdata")
 
 
 def links_are_followed() -> bool:
-    """Whether the user allowed references to other files."""
+    """Return whether the user allowed references to other files."""
     return os.environ.get(FOLLOW) == "1"
 
 
 def found_in(path: Any, place: Any, name: str) -> Any:
-    """The object of that name below a file or a group, in h5py's low-level API; None if there is none.
+    """Return the object of a name in a file or a group, in h5py's low-level API; None if there is none.
 
-    Soft links, which lead to names in the same file, are followed. FormatError for links that lead out of it.
+    Soft links, which refer to names in the same file, are followed. FormatError for links to other files.
     """
     at = place if isinstance(place, h5py.h5g.GroupID) else h5py.h5g.open(place, b"/")
     waiting = name.encode().split(b"/")[::-1]
@@ -93,7 +93,7 @@ def found_in(path: Any, place: Any, name: str) -> Any:
         if kind == h5py.h5l.TYPE_SOFT:
             links += 1
             if links > MOST_LINKS:
-                raise FormatError(path, f"{name} is a circle of soft links, or beyond {MOST_LINKS} of them")
+                raise FormatError(path, f"{name} has a cycle of soft links, or more than {MOST_LINKS} of them")
             target = at.links.get_val(part)
             at = h5py.h5g.open(place, b"/") if target.startswith(b"/") else at
             waiting.extend(target.split(b"/")[::-1])
@@ -107,7 +107,7 @@ def found_in(path: Any, place: Any, name: str) -> Any:
 
 
 def dataset_of(path: Any, file: Any, name: str, left: Allowance | None = None) -> Any:
-    """A dataset of h5py's file; FormatError unless all its values are in that file. `left`: as in `check_stored`."""
+    """Return a dataset of h5py's file. FormatError unless all its values are in it. `left` is as in `check_stored`."""
     found = found_in(path, file.id, name)
     if not isinstance(found, h5py.h5d.DatasetID):
         raise FormatError(path, f"/{name} is not a dataset" if found is not None else f"there is no /{name}")
@@ -116,21 +116,22 @@ def dataset_of(path: Any, file: Any, name: str, left: Allowance | None = None) -
 
 
 def name_of(thing: Any) -> str:
-    """The full name of an object of h5py's low-level API in its file."""
+    """Return the full name of an object of h5py's low-level API in its file."""
     name: str = h5py.h5i.get_name(thing).decode("utf-8", "replace")
     return name
 
 
 def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tuple[Any, tuple[int, ...]]:
-    """Creation properties and shape of a dataset of h5py's low-level API; FormatError if its values aren't in the file.
+    """Return creation properties and shape of a dataset of h5py's low-level API, after a check.
 
-    `left`: how far it may inflate together with others, which is subtracted. HDF5 itself fills in values that were
-    never written, however many, and follows every reference to other files.
+    FormatError if its values aren't all in the file: HDF5 itself fills in values that were never written, however many,
+    and follows every reference to other files. The dataset's bytes are subtracted from `left`, the limit of
+    decompression, which it shares with others.
     """
     layout = dataset.get_create_plist()
     kind = layout.get_layout()
     if kind == h5py.h5d.VIRTUAL or (kind == h5py.h5d.CONTIGUOUS and layout.get_external_count()):
-        # before its shape is queried: that opens the other files
+        # before its shape is queried, because that opens the other files
         if not links_are_followed():
             how = "virtual" if kind == h5py.h5d.VIRTUAL else "stored externally"
             raise _elsewhere(path, name_of(dataset), how)
@@ -149,11 +150,11 @@ def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tupl
     if found < claimed:
         what = f"{found} of {claimed} pieces of {name_of(dataset)} are there"
         raise FormatError(path, f"{what}: cut off, or never written")
-    room = os.path.getsize(path)
-    most = most_bytes(room) if kind == h5py.h5d.CHUNKED else room
+    file_size = os.path.getsize(path)
+    most = most_bytes(file_size) if kind == h5py.h5d.CHUNKED else file_size
     if size * claimed > most:
         what = f"{name_of(dataset)} claims {size * claimed} bytes"
-        raise FormatError(path, f"{what}; a file of {room} is taken to hold {most} at most")
+        raise FormatError(path, f"{what}; a file of {file_size} bytes may expand to {most} at most")
     if kind == h5py.h5d.CHUNKED and left is not None:
         try:
             left.take(size * claimed)
@@ -164,7 +165,7 @@ def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tupl
 
 
 def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
-    """FormatError if a dataset is compressed by a filter that isn't installed."""
+    """Raise FormatError if a dataset is compressed by a filter that isn't installed."""
     for i in range(layout.get_nfilters()):
         code, *_ = layout.get_filter(i)
         if h5py.h5z.filter_avail(code):
@@ -177,7 +178,7 @@ def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
 
 
 def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
-    """Bytes at which runs of a dataset's `count` plain values begin, and values per run; ([], 0) if it isn't plain."""
+    """Return the offsets of runs of a dataset's `count` plain values, and values per run; ([], 0) if it isn't plain."""
     if links_are_followed() or layout.get_nfilters() or not count:
         return [], 0
     offset = dataset.get_offset()

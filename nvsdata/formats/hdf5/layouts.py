@@ -1,24 +1,22 @@
-"""HDF5: nvsdata's own files, and the layouts of DSEC, of Metavision, and of plain columns.
+"""HDF5: nvsdata's own files, and the layouts of DSEC, Metavision and plain columns.
 
 nvsdata's own files:
 
-- `/events/t`, `x`, `y`, `p`: contiguous, so that a window is a slice of each; or in chunks of 2^18 events if there
-  are more than 2^21 (they are written as they come). t is uint32 µs, to which `/t_offset` is added if there is one, or
-  int64 where 71 minutes are not enough; x and y are uint8 where the sensor has at most 256 columns or rows, else
-  int16; p is uint8. This makes 7 to 9 bytes per event.
+- `/events/t`, `x`, `y`, `p`: contiguous, so that a window is a slice of each; in chunks of 2^18 events if there are
+  more than 2^21 events, which are written one chunk after the other. t is uint32 µs, to which `/t_offset` is added if
+  it exists, or int64 if 71 minutes aren't enough. x and y are uint8 if the sensor has at most 256 columns or rows,
+  otherwise int16. p is uint8. This makes 7 to 9 bytes per event.
 - frames and inertial samples: see `nvsdata.formats.hdf5.samples`
 - attributes of `/`: `format` ("nvsdata-events"), `version`, `width`, `height`
 
 Compressed files (of the format `hdf5-gzip`, or by h5repack) are read, too. `hdf5-gzip` has chunks of 2^14 events,
 shuffled and deflated.
 
-Other files: columns x, y, t, p below `/events` or `/`, also with `/t_offset` (DSEC), or one compound `/CD/events`
-(Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`),
-which is used if it is installed.
+Other files: columns x, y, t, p in `/events` or `/`, optionally with `/t_offset` (DSEC), or one compound `/CD/events`
+(Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`).
 
-All layouts except plain columns promise that times never fall, so a window is found by bisection. A file that breaks
-the promise is refused, or sorted if it isn't read strictly. For plain columns, all times are checked before the first
-window is read.
+In all layouts except plain columns, times never fall, so a window is found by bisection. A file out of order is
+refused, or sorted if `strict` is false. For plain columns, all times are checked before the first window is read.
 """
 
 from __future__ import annotations
@@ -33,9 +31,9 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
 from nvsdata.data.samples import Frame, Inertial
 from nvsdata.formats.contents import Allowance
-from nvsdata.formats.file_recording import FileRecording, polarity
+from nvsdata.formats.file_recording import FileRecording, as_polarity
 from nvsdata.formats.hdf5.chunks import values_of
-from nvsdata.formats.hdf5.columns import Column, Source, Stored, column_of, narrowed, rises
+from nvsdata.formats.hdf5.columns import Column, ColumnFile, Stored, bisected, column_of, rises
 from nvsdata.formats.hdf5.file import (
     attribute,
     check_version,
@@ -53,7 +51,7 @@ from nvsdata.kernels.decode.order import is_sorted
 
 STORE = "nvsdata-store"
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
-AROUND = 64  # events on either side of a window that are checked to be in order with it
+AROUND = 64  # events on each side of a window whose order with it is checked
 
 
 class Hdf5Recording(FileRecording):
@@ -74,10 +72,10 @@ class Hdf5Recording(FileRecording):
                 check_version(path, file, VERSION)
             self._size = self._size or self._stated(file, kind == NAME)
             if kind == NAME and attribute(file, "start") is not None:
-                self._lasts((number_of(path, file, "start"), number_of(path, file, "end")))
+                self._state_times((number_of(path, file, "start"), number_of(path, file, "end")))
             self._columns = self._find(file)
             promised = strict and (kind == NAME or self._promises_order(file))
-        self._ordered = True if promised else None  # None: not known
+        self._ordered = True if promised else None  # None: unknown
         lengths = {name: column.size for name, column in self._columns.items()}
         if len(set(lengths.values())) != 1:
             raise FormatError(path, f"columns of different lengths: {lengths}")
@@ -88,7 +86,7 @@ class Hdf5Recording(FileRecording):
         return stated_size(self.path, number_of(self.path, file, "width"), number_of(self.path, file, "height"))
 
     def _promises_order(self, file: Any) -> bool:
-        """Whether the layout is one of those whose times never fall: Metavision's, and DSEC's with its index."""
+        """Return whether times never fall in this layout: Metavision's, and DSEC's with its index."""
         return any(found_in(self.path, file.id, name) is not None for name in ("CD/events", "ms_to_idx"))
 
     def _find(self, file: Any) -> dict[str, Column]:
@@ -117,24 +115,24 @@ class Hdf5Recording(FileRecording):
         raise FormatError(self.path, f"/t_offset is {value}, not a time in µs below 2^62")
 
     def decode(self) -> Columns:
-        with Source(self._file) as source:
+        with ColumnFile(self._file) as source:
             t = self._times(source, 0, self._columns["t"].size)
             if self._ordered and not self._rises:
                 late = int(np.argmax(t[1:] < t[:-1])) + 1
                 raise FormatError(self.path, f"event {late} is earlier than the one before it")
             return self._events(source, 0, t)
 
-    def _events(self, source: Source, first: int, t: np.ndarray) -> Columns:
-        """Events first, first + 1, ..., as many as there are times `t`, which have been read."""
+    def _events(self, source: ColumnFile, first: int, t: np.ndarray) -> Columns:
+        """Return the events from index `first` on whose times `t` have been read."""
         x, y, p = (self._read(source, name, first, first + t.size) for name in "xyp")
-        inside = self._inside((t, x, y, polarity(p)), first)
+        inside = self._inside((t, x, y, as_polarity(p)), first)
         return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
 
-    def _read(self, source: Source, name: str, lo: int, hi: int) -> np.ndarray:
+    def _read(self, source: ColumnFile, name: str, lo: int, hi: int) -> np.ndarray:
         return self._columns[name].read(source, lo, hi, TYPES[name])
 
-    def _times(self, source: Source, lo: int, hi: int) -> np.ndarray:
-        """Times lo..hi in µs, int64; sets `_rises`: whether they never fall."""
+    def _times(self, source: ColumnFile, lo: int, hi: int) -> np.ndarray:
+        """Return times lo..hi in µs, int64, and set `_rises`."""
         t = self._read(source, "t", lo, hi)
         ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
         if not ends or ends[0] < LATEST - self._offset:
@@ -143,20 +141,20 @@ class Hdf5Recording(FileRecording):
             ends = [int(end) for end in ((t[0], t[-1]) if self._rises else (t.min(), t.max()))] if t.size else []
         far = next((end for end in ends if not -LATEST < end + self._offset < LATEST), None)
         if far is not None:
-            raise FormatError(self.path, f"/{self._columns['t'].name} holds {far}: at or beyond 2^62 µs")
+            raise FormatError(self.path, f"/{self._columns['t'].name} has the time {far}, at or beyond 2^62 µs")
         if self._offset:
-            # in place: this memory is not shared
+            # in place, because this memory isn't shared
             t += self._offset
         return t
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode a window found by bisection over t; None if the times around it show that the bisection went wrong."""
+        """Decode a window found by bisection over t; return None if the times around it are out of order."""
         t = self._columns["t"]
-        with Source(self._file) as source:
+        with ColumnFile(self._file) as source:
             if not self._in_order(source):
                 return None
-            before, _ = narrowed(t, source, start - self._offset)
-            _, after = narrowed(t, source, stop - self._offset)
+            before, _ = bisected(t, source, start - self._offset)
+            _, after = bisected(t, source, stop - self._offset)
             first, last = max(before - AROUND, 0), min(after + AROUND, t.size)
             around = self._times(source, first, last)
             lo, hi = around.searchsorted((start, stop)).tolist()
@@ -164,8 +162,8 @@ class Hdf5Recording(FileRecording):
                 return None
             return self._events(source, first + lo, around[lo:hi])
 
-    def _in_order(self, source: Source) -> bool:
-        """Whether times never fall; if the layout doesn't promise it, all times are checked, once."""
+    def _in_order(self, source: ColumnFile) -> bool:
+        """Return whether times never fall; unless the layout ensures it, all times are checked, once."""
         if self._ordered is None:
             t = self._columns["t"]
             self._ordered = rises(t, source)
@@ -175,18 +173,18 @@ class Hdf5Recording(FileRecording):
                     self._check_time(*edges)
         return self._ordered
 
-    def _edges(self, source: Source) -> tuple[int, int]:
+    def _edges(self, source: ColumnFile) -> tuple[int, int]:
         last = self._columns["t"].size - 1
         return int(self._times(source, 0, 1)[0]), int(self._times(source, last, last + 1)[0])
 
     def decode_span(self) -> tuple[int, int] | None:
         if not self.strict or not self._columns["t"].size:
             return None
-        with Source(self._file) as source:
+        with ColumnFile(self._file) as source:
             return self._edges(source) if self._in_order(source) else None
 
     def _datasets(self, file: Any) -> Callable[[str], Any]:
-        """What gives the datasets of an open file by name, as long as they don't inflate too far all together."""
+        """Return a function that gives datasets of an open file by name, within one limit of decompression."""
         return partial(dataset_of, self.path, file, left=Allowance(self._file.size))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:

@@ -1,4 +1,4 @@
-"""What nvsdata's HDF5 files hold besides events: frames, inertial samples, and facts about the camera.
+"""Frames, inertial samples and metadata in nvsdata's HDF5 files.
 
 - `/frames`: `start`, `exposure_start`, `exposure_end`, `end` (int64 [N], µs), `x`, `y`, `width`, `height` (int16 [N]),
   and `pixels`, uint16, frame after frame, row by row
@@ -7,7 +7,7 @@
 - attributes of `/`: `camera`, `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (JSON),
   `temperature` (°C)
 
-Times are in the clock of the events; `/t_offset` is not added to them. A group exists only if it has content.
+Times are in the clock of the events; `/t_offset` isn't added to them. A group exists only if it has data.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ TEXTS = ("camera", "serial", "started", "note")
 TABLES = ("biases", "settings", "emulator", "imperfections")
 FRAME_TIMES = "frame_times"
 CHUNK, CHUNK_PIXELS = 1 << 12, 1 << 16  # rows, and pixels, per chunk
-GATHERED = 64  # frames, or pieces with inertial samples, that are written together
+GATHERED = 64  # number of frames, or of pieces with inertial samples, that are written together
 
 
-class Beside:
-    """Writes what pieces carry besides events to an HDF5 file while they pass; `finish` writes the rest.
+class SampleWriter:
+    """Writes the other data of pieces to an HDF5 file while the pieces are iterated over; `finish` writes the rest.
 
-    `check` is called for each piece; it raises errors of the disk.
+    `check` is called for each piece, and raises errors of the disk.
     """
 
     def __init__(self, file: Any, check: Callable[[], None]) -> None:
@@ -48,7 +48,7 @@ class Beside:
         self._frames: list[Frame] = []
 
     def passing(self, pieces: Iterable[Events]) -> Iterator[Events]:
-        """Yield the same pieces, and write what they carry."""
+        """Yield the same pieces, and write their other data."""
         for piece in pieces:
             if isinstance(piece, Piece):
                 self._about.update(piece.about)
@@ -62,7 +62,7 @@ class Beside:
             yield piece
 
     def finish(self) -> None:
-        """Write the samples that are left, and the facts about the camera."""
+        """Write the remaining samples, and the metadata."""
         self._write(1)
         for name, value in self._about.items():
             if name == "temperature":
@@ -70,12 +70,12 @@ class Beside:
             elif name == FRAME_TIMES:
                 self._file.create_dataset(name, data=np.asarray(value, np.int64))
             else:
-                # fixed length, like all texts here
+                # of fixed length, like all strings in these files
                 text = value if isinstance(value, str) else json.dumps(value)
                 self._file.attrs[name] = np.bytes_(text.encode())
 
     def _write(self, least: int) -> None:
-        """Write the gathered frames and the gathered samples if there are `least` of them."""
+        """Write the collected frames, and the collected samples, if there are at least `least` of them."""
         if len(self._samples) >= least:
             for name, values in Inertial.joined(self._samples)._asdict().items():
                 self._append(f"inertial/{name}", values, CHUNK)
@@ -103,7 +103,7 @@ class Beside:
 
 
 def inertial_in(path: str, file: Any, dataset: Callable[[str], Any], start: int | None, stop: int | None) -> Inertial:
-    """Samples of an open file with start <= t < stop; `dataset` gives a checked dataset by its name."""
+    """Return samples of an open file with start <= t < stop; `dataset` returns a checked dataset by name."""
     if found_in(path, file.id, "inertial") is None:
         return Inertial.empty()
     found = Inertial(*(values_of(path, dataset(f"inertial/{name}")) for name in Inertial._fields))
@@ -118,9 +118,9 @@ def inertial_in(path: str, file: Any, dataset: Callable[[str], Any], start: int 
 def frames_in(
     path: str, file: Any, dataset: Callable[[str], Any], start: int | None, stop: int | None
 ) -> Iterator[Frame]:
-    """Frames of an open file whose exposure begins at start <= t < stop (µs), read one by one.
+    """Yield the frames of an open file whose exposure begins at start <= t < stop (µs), read one by one.
 
-    `dataset` gives a checked dataset by its name.
+    `dataset` returns a checked dataset by name.
     """
     if found_in(path, file.id, "frames") is None:
         return
@@ -140,13 +140,12 @@ def frames_in(
     stored = Chunks(path, pixels)
     for n in np.flatnonzero(wanted):
         row = {name: int(column[n]) for name, column in columns.items()}
-        picture = stored.read(int(ends[n] - sizes[n]), int(ends[n]))
-        picture = picture.reshape(row.pop("height"), row.pop("width"))
-        yield Frame(**row, pixels=picture)
+        image = stored.read(int(ends[n] - sizes[n]), int(ends[n])).reshape(row.pop("height"), row.pop("width"))
+        yield Frame(**row, pixels=image)
 
 
 def frame_times_in(path: str, file: Any, dataset: Callable[[str], Any]) -> dict[str, np.ndarray]:
-    """Times of the frames that the events of an open file were emulated from, by the name of the fact."""
+    """Return the times of the frames that the events of an open file were emulated from, as part of `about`."""
     if found_in(path, file.id, FRAME_TIMES) is None:
         return {}
     times = values_of(path, dataset(FRAME_TIMES))
@@ -156,7 +155,7 @@ def frame_times_in(path: str, file: Any, dataset: Callable[[str], Any]) -> dict[
 
 
 def about_in(texts: Callable[[str], str], number: Callable[[str], Any]) -> dict[str, Any]:
-    """What a file states about its camera; `texts` and `number` give an attribute by its name, if there is one."""
+    """Return the metadata of a file; `texts` and `number` return an attribute by name, if it exists."""
     about: dict[str, Any] = {name: text for name in TEXTS if (text := texts(name))}
     for name in TABLES:
         with suppress(ValueError, RecursionError):

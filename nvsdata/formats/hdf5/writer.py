@@ -1,4 +1,4 @@
-"""Writing nvsdata's own HDF5 files; `nvsdata.formats.hdf5.layouts` documents their layout."""
+"""Writes nvsdata's own HDF5 files; `nvsdata.formats.hdf5.layouts` documents their layout."""
 
 from __future__ import annotations
 
@@ -13,51 +13,54 @@ from nvsdata.common.files import flushed_early
 from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.formats.contents import fast_zlib
 from nvsdata.formats.hdf5.disk import created
-from nvsdata.formats.hdf5.samples import Beside
+from nvsdata.formats.hdf5.samples import SampleWriter
 from nvsdata.formats.writing import Pieces
 
 NAME, VERSION = "nvsdata-events", 1
 CHUNK = 1 << 18  # events per chunk of a long file
-DEFLATED = 1 << 14  # events per chunk of a compressed file: a window decodes whole chunks
-CONTIGUOUS = 8  # chunks; up to this number, the columns are kept in memory and written whole
-SHORT = 1 << 32  # µs that uint32 can represent
+DEFLATED = 1 << 14  # events per chunk of a compressed file; a window decodes entire chunks
+CONTIGUOUS = 8  # chunks; up to this number, the columns are collected in memory and written contiguously
+SHORT = 1 << 32  # µs; the range of uint32
 
 
 def write(pieces: Pieces, path: Path, *, compressed: bool = False) -> None:
-    """Write the four columns: contiguous if they are short, else in chunks as they come.
+    """Write the four columns, contiguous if they are short, otherwise in chunks while pieces arrive.
 
-    - `compressed`: always in chunks, each with its bytes shuffled and deflated, which every HDF5 library can read
-      (default False)
+    Args:
+        pieces: The events.
+        path: The file.
+        compressed: Whether columns are always in chunks, whose bytes are shuffled and deflated, which every HDF5
+            library can read (default False).
     """
     width, height = pieces.sensor_size
     with created(path) as (file, disk):
-        beside = Beside(file, disk.check)
-        chunks = _of_one_size(beside.passing(pieces), DEFLATED if compressed else CHUNK)
+        others = SampleWriter(file, disk.check)
+        chunks = _of_one_size(others.passing(pieces), DEFLATED if compressed else CHUNK)
         most = 0 if compressed else CONTIGUOUS
         waiting = list(islice(chunks, most + 1)) or [Columns.empty(0)]
         clock, offset = _clock(waiting)
         kinds = {"t": clock, "x": _coordinate(width), "y": _coordinate(height), "p": np.uint8}
         file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=width, height=height)
         if len(waiting) > most:
-            place = Place(file, max(waiting[0].t.size, 1), compressed)
+            writer = ChunkWriter(file, max(waiting[0].t.size, 1), compressed)
             with flushed_early(path):
-                offset = _write_chunks(place, disk.check, chain(waiting, chunks), kinds, offset)
+                offset = _write_chunks(writer, disk.check, chain(waiting, chunks), kinds, offset)
         else:
             for name, column in zip(kinds, _stored(concatenate(waiting), kinds, offset), strict=True):
                 file.create_dataset(f"events/{name}", data=column)
         if offset:
             file["t_offset"] = np.int64(offset)
         file.attrs.update(start=np.int64(pieces.start), end=np.int64(pieces.end))
-        beside.finish()
+        others.finish()
 
 
 def _coordinate(side: int) -> Any:
-    """The type in which coordinates below `side` are stored."""
+    """Return the type in which coordinates below `side` are stored."""
     return np.uint8 if side <= 256 else np.int16
 
 
 def _clock(pieces: Sequence[Columns]) -> tuple[Any, int]:
-    """The type in which these times are stored, and the µs that are subtracted from them, 0 where possible."""
+    """Return the type in which times are stored, and the µs that are subtracted from them, 0 if possible."""
     if pieces[-1].t.size == 0:
         return np.uint32, 0
     first, last = int(pieces[0].t[0]), int(pieces[-1].t[-1])
@@ -71,61 +74,67 @@ def _stored(columns: Columns, kinds: dict[str, Any], offset: int) -> list[np.nda
     return [values.astype(kind, copy=False) for values, kind in zip((t, *columns[1:]), kinds.values(), strict=True)]
 
 
-class Place(NamedTuple):
-    """Where chunks go: the file, events per chunk, and whether they are compressed."""
+class ChunkWriter(NamedTuple):
+    """Writes chunks to a file.
+
+    Args:
+        file: File of h5py.
+        length: Events per chunk.
+        compressed: Whether chunks are compressed.
+    """
 
     file: Any
     length: int
     compressed: bool
 
-    def endless(self, name: str, kind: Any) -> Any:
-        """A new column that can grow."""
+    def create(self, name: str, kind: Any) -> Any:
+        """Create a column that can grow."""
         how = {"shuffle": True, "compression": "gzip"} if self.compressed else {}
         shape = {"shape": (0,), "maxshape": (None,), "chunks": (self.length,)}
         return self.file.create_dataset(f"events/{name}", dtype=kind, fillvalue=0, **shape, **how)
 
     def add(self, dataset: Any, count: int, values: np.ndarray) -> None:
-        """Append a chunk, of which only the last may be shorter, to a column of `count` values."""
+        """Append a chunk to a column of `count` values; only the last chunk may be shorter."""
         dataset.resize((count + values.size,))
         if values.size < self.length:
             values = np.concatenate((values, np.zeros(self.length - values.size, values.dtype)))
-        whole = np.ascontiguousarray(values)
-        # directly, because the library's usual path would copy, and compress slowly
-        dataset.id.write_direct_chunk((count,), deflated(whole) if self.compressed else whole)
+        chunk = np.ascontiguousarray(values)
+        # directly, because the library would copy it, and compress it slowly
+        dataset.id.write_direct_chunk((count,), deflated(chunk) if self.compressed else chunk)
 
 
 def _write_chunks(
-    place: Place, check: Callable[[], None], pieces: Iterable[Columns], kinds: dict[str, Any], offset: int
+    writer: ChunkWriter, check: Callable[[], None], pieces: Iterable[Columns], kinds: dict[str, Any], offset: int
 ) -> int:
-    """Write pieces that fill a chunk each, and `check` the disk after each; returns the µs subtracted from times."""
-    datasets = {name: place.endless(name, kind) for name, kind in kinds.items()}
+    """Write pieces that fill a chunk each, with a `check` of the disk after each; return the offset of times in µs."""
+    datasets = {name: writer.create(name, kind) for name, kind in kinds.items()}
     count = 0
     for piece in pieces:
         if not piece.t.size:
             continue
         if kinds["t"] == np.uint32 and int(piece.t[-1]) - offset >= SHORT:
-            datasets["t"] = _widened(place, offset)
+            datasets["t"] = _widened(writer, offset)
             kinds, offset = {**kinds, "t": np.int64}, 0
         for values, dataset in zip(_stored(piece, kinds, offset), datasets.values(), strict=True):
-            place.add(dataset, count, values)
+            writer.add(dataset, count, values)
         check()
         count += piece.t.size
     return offset
 
 
-def _widened(place: Place, offset: int) -> Any:
-    """The column of times converted to int64, because the recording is longer than uint32 can represent."""
-    narrow, wide = place.file["events/t"], place.endless("wide", np.int64)
-    for start in range(0, narrow.size, place.length):
-        place.add(wide, start, narrow[start : start + place.length].astype(np.int64) + offset)
-    del place.file["events/t"]
-    place.file.move("events/wide", "events/t")
+def _widened(writer: ChunkWriter, offset: int) -> Any:
+    """Convert the column of times to int64, because the recording exceeds the range of uint32."""
+    narrow, wide = writer.file["events/t"], writer.create("wide", np.int64)
+    for start in range(0, narrow.size, writer.length):
+        writer.add(wide, start, narrow[start : start + writer.length].astype(np.int64) + offset)
+    del writer.file["events/t"]
+    writer.file.move("events/wide", "events/t")
     return wide
 
 
 def _of_one_size(pieces: Iterable[Events], length: int) -> Iterator[Columns]:
-    """The same events in pieces of `length`; only the last may be shorter."""
-    room, filled = Columns.empty(length), 0
+    """Yield the same events in pieces of `length`; only the last may be shorter."""
+    buffer, filled = Columns.empty(length), 0
     for piece in pieces:
         rest = piece.columns
         while rest.t.size:
@@ -134,18 +143,18 @@ def _of_one_size(pieces: Iterable[Events], length: int) -> Iterator[Columns]:
             if part.t.size == length:
                 yield part
                 continue
-            for values, place in zip(part, room, strict=True):
+            for values, place in zip(part, buffer, strict=True):
                 place[filled : filled + values.size] = values
             filled += part.t.size
             if filled == length:
-                yield room
-                room, filled = Columns.empty(length), 0
+                yield buffer
+                buffer, filled = Columns.empty(length), 0
     if filled:
-        yield room.first(filled)
+        yield buffer.first(filled)
 
 
 def deflated(values: np.ndarray) -> bytes:
-    """Values with all their first bytes first, then all their second ones, and so on, as a stream of zlib."""
-    apart = values.view(np.uint8).reshape(-1, values.itemsize).T
-    # higher levels compress no better: what repeats is single bytes
-    return bytes(fast_zlib.compress(np.ascontiguousarray(apart), 1))
+    """Shuffle values (all first bytes, then all second bytes, and so on) and compress them as a stream of zlib."""
+    shuffled = values.view(np.uint8).reshape(-1, values.itemsize).T
+    # higher levels don't compress better, because only single bytes repeat
+    return bytes(fast_zlib.compress(np.ascontiguousarray(shuffled), 1))

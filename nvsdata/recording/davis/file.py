@@ -78,7 +78,7 @@ class StreamRecording(FileRecording):
     def pieces(self) -> Iterator[Events]:
         """As `Recording.pieces`, in constant memory."""
         decoder = self._decoder()
-        yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=self._about)
+        yield Piece.of_camera(Events.empty((decoder.width, decoder.height)), about=self._about)
         yield from self._in_order(decoder, self._last)
         if not decoder.begun:
             # without a reset of the clock, all events count, in the camera's own time

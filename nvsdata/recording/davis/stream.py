@@ -210,7 +210,7 @@ class DavisDecoder:
                 frames = list(within(frames, None, last))
             about = {"temperature": float(samples.temperature[-1])} if samples.t.size else {}
             end = self.now if last is None else min(self.now, last - 1)
-            yield Piece.beside(Events.trusted(columns, size, 0, end), frames, samples, about), times
+            yield Piece.of_camera(Events.trusted(columns, size, 0, end), frames, samples, about), times
 
     def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
         """Join the special events and samples of a piece."""

@@ -14,7 +14,7 @@ from nvsdata.common.validation import not_negative, positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.pseudo import Pseudo, Reach, check_pseudo, pseudo
-from nvsdata.data.recording import Recording, as_events, misplaced
+from nvsdata.data.recording import Recording, as_events, wrong_type
 from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.kernels.graph.edges import event_graph
 from nvsdata.kernels.graph.neighbors import near_edges
@@ -192,7 +192,7 @@ def _joined_nodes(graph: Graph, near: Near, reach: Reach, kind: Pseudo) -> Graph
         kind: Of pseudo-coordinates.
     """
     if isinstance(graph, GraphBatch):
-        raise misplaced("Events, a Recording or a single graph", graph)
+        raise wrong_type("Events, a Recording or a single graph", graph)
     order = np.argsort(graph.t.numpy(), kind="stable")
     pixels = np.rint(graph.pos.numpy()[order])
     with np.errstate(invalid="ignore"):

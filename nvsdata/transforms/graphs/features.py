@@ -12,7 +12,7 @@ import torch
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events, check_inside
 from nvsdata.data.graph import Graph
-from nvsdata.data.recording import Recording, as_events, events_inside, misplaced
+from nvsdata.data.recording import Recording, as_events, events_inside, wrong_type
 from nvsdata.kernels.represent.patches import merged_pixels, patch_counts
 from nvsdata.transforms.apply import with_boxes
 from nvsdata.transforms.compose import is_deterministic
@@ -233,7 +233,7 @@ def _check_given(events: Events, nodes: Graph) -> None:
     """Raise a TypeError unless a feature gets events and a graph."""
     for kind, given in ((Events, events), (Graph, nodes)):
         if not isinstance(given, kind):
-            raise misplaced("Events and their Graph, as NodeFeatures passes them", given)
+            raise wrong_type("Events and their Graph, as NodeFeatures passes them", given)
 
 
 def _fraction(t: np.ndarray, events: Events) -> np.ndarray:

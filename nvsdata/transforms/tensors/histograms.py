@@ -11,7 +11,7 @@ import torch
 from nvsdata.common.memory import zeros
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
-from nvsdata.data.frame_edges import check_count, share_bounds
+from nvsdata.data.frame_edges import check_count, fraction_bounds
 from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.represent.frames import counted, counted_by_polarity
 
@@ -52,7 +52,7 @@ class StackedHistogram:
         check_count(bins)
         out = zeros(events.sensor_size, (2, bins, *events.sensor_size[::-1]))
         if len(events):
-            bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]), [(n, bins) for n in range(bins)])
+            bounds = fraction_bounds(events, int(events.t[0]), int(events.t[-1]), [(n, bins) for n in range(bins)])
             counted_by_polarity(events.x, events.y, events.p, bounds, out)
         return torch.from_numpy(np.minimum(out, np.float32(self.most), out=out)).flatten(0, 1)
 
@@ -96,7 +96,7 @@ class MixedDensityStack:
         out = zeros(events.sensor_size, (bins, 1, *events.sensor_size[::-1]))
         if len(events):
             shares = [(0, 1), *((1, 1 << (bins - b)) for b in range(1, bins))]
-            bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]), shares)
+            bounds = fraction_bounds(events, int(events.t[0]), int(events.t[-1]), shares)
             counted(events.x, events.y, events.p, bounds, out)
         summed = torch.from_numpy(out[:, 0]).cumsum_(0)
         return summed if self.most is None else summed.clamp_(-self.most, self.most)

@@ -14,7 +14,7 @@ from nvsdata.common.memory import check_memory, zeros
 from nvsdata.common.validation import positive, whole
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, events_inside, misplaced
+from nvsdata.data.recording import Recording, events_inside, wrong_type
 from nvsdata.kernels.represent.frames import counted
 from nvsdata.transforms.apply import Change, SpatialTransform, check_sample, size_of
 from nvsdata.transforms.events.crops import crop_events, resize_events
@@ -197,7 +197,7 @@ class Normalize:
 def check_image(image: Any, axes: int = 2, *, floats: bool = False) -> None:
     """Raise a TypeError unless this is a tensor of at least `axes` axes, with `floats` of floating-point numbers."""
     if not isinstance(image, torch.Tensor) or image.ndim < axes:
-        raise misplaced("a tensor [..., H, W], such as EventImage or ToFrames returns", image)
+        raise wrong_type("a tensor [..., H, W], such as EventImage or ToFrames returns", image)
     if floats and not image.is_floating_point():
         raise TypeError(f"it takes a tensor of floating-point numbers, not of {image.dtype}: convert it by .float()")
 

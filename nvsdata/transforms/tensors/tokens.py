@@ -10,7 +10,7 @@ import torch
 from nvsdata.common.memory import zeros
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
-from nvsdata.data.frame_edges import check_count, share_bounds
+from nvsdata.data.frame_edges import check_count, fraction_bounds
 from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.represent.measures import tokens
 
@@ -58,6 +58,8 @@ class GroupTokens:
         out = zeros(events.sensor_size, (parts, 2, 2, patch * patch, height, width))
         if len(events):
             # the last event is in the last part
-            bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]) + 1, [(n, parts) for n in range(parts)])
+            bounds = fraction_bounds(
+                events, int(events.t[0]), int(events.t[-1]) + 1, [(n, parts) for n in range(parts)]
+            )
             tokens(*events.columns, bounds, patch, out)
         return torch.from_numpy(out).flatten(0, 3)

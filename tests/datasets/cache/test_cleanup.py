@@ -19,7 +19,7 @@ from nvsdata.datasets.archives.download import WORK
 from nvsdata.datasets.cache.cleanup import kept_below, remove_kept
 from nvsdata.datasets.store import writer
 from nvsdata.datasets.windows import windows
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 
 
 def kinds(folder):
@@ -87,8 +87,8 @@ def test_locks_of_dead_processes_and_unfinished_downloads(tmp_path):
 
 
 def test_indexes_of_recordings_datasets_and_windows(tmp_path, monkeypatch):
-    monkeypatch.setattr(kept_index, "LEAST", 1_000)
-    monkeypatch.setattr(kept_index, "SETTLED_NS", 0)
+    monkeypatch.setattr(index_cache, "LEAST", 1_000)
+    monkeypatch.setattr(index_cache, "SETTLED_NS", 0)
     monkeypatch.setattr(source, "MANY_FILES", 1)
     (tmp_path / "a").mkdir()
     random = np.random.default_rng(0)

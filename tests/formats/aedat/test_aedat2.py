@@ -134,7 +134,7 @@ def test_a_file_that_names_no_version_is_aedat_1(tmp_path, header):
         assert recording.format == "aedat1"
         assert recording.read() == events
         (tmp_path / "old.aedat").write_bytes((header + records)[:-4])
-        with pytest.raises(FormatError, match="truncated: 2 bytes are left over, a record takes 6"):
+        with pytest.raises(FormatError, match="truncated: 2 bytes are left over, but a record has 6"):
             nvsdata.open(tmp_path / "old.aedat")
         assert nvsdata.read(tmp_path / "old.aedat", strict=False) == events[:-1]
 

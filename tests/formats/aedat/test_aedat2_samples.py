@@ -101,14 +101,14 @@ NOTHING = Events([0, 1_000], [0, 1], [0, 1], [1, 0], (240, 180))
 def test_a_sample_becomes_seven_words(tmp_path):
     acceleration, rotation = [[1.0, -4.0, 4.0]], [[250.0, -600.0, 0.0077]]
     sample = Inertial(np.array([77]), *(np.array(v, np.float32) for v in (acceleration, rotation, [36.0])))
-    words = words_of(tmp_path, Piece.beside(NOTHING, (), sample))
+    words = words_of(tmp_path, Piece.of_camera(NOTHING, (), sample))
     assert [t for _, t in words] == [0, *[77] * 7, 1_000]
     assert words[1:8] == [(word, 77) for word, _ in one_sample([8192, -32768, 32767, 340, 16384, -32768, 1])]
 
 
 def test_a_frame_becomes_two_words_a_pixel(tmp_path):
     pixels = np.array([[0, 64, 65_535], [640, 63, 1_280]], np.uint16)
-    words = words_of(tmp_path, Piece.beside(NOTHING, (Frame(10, 20, 500, 900, 7, 3, pixels),)))
+    words = words_of(tmp_path, Piece.of_camera(NOTHING, (Frame(10, 20, 500, 900, 7, 3, pixels),)))
     assert len(words) == 2 + 2 * 6
     # column by column, from the top; before the exposure all readings are the largest, after it light takes from them
     places = [BESIDE | (179 - 3 - y) << 22 | (7 + x) << 12 for x in range(3) for y in range(2)]
@@ -129,8 +129,8 @@ def test_a_frame_becomes_two_words_a_pixel(tmp_path):
 
 
 def test_a_frame_that_began_before_what_is_written_begins_there(tmp_path):
-    first = Piece.beside(NOTHING.window(0, 1), ())
-    late = Piece.beside(NOTHING.window(1, None), (Frame(-9, -8, 500, 900, 0, 0, np.zeros((1, 2), np.uint16)),))
+    first = Piece.of_camera(NOTHING.window(0, 1), ())
+    late = Piece.of_camera(NOTHING.window(1, None), (Frame(-9, -8, 500, 900, 0, 0, np.zeros((1, 2), np.uint16)),))
     nvsdata.write(iter([first, late]), tmp_path / "b.aedat")
     (found,) = nvsdata.open(tmp_path / "b.aedat").frames()
     assert (found.start, found.exposure_start, found.exposure_end, found.end) == (0, 0, 500, 900)

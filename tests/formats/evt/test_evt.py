@@ -184,9 +184,9 @@ def test_neighbors_take_less_room():
 def test_what_files_cannot_hold_is_refused(tmp_path, kind):
     bits = 40 if kind == "evt3" else 51
     for times in ([-1, 5], [0, 2**bits], [2**bits, 2**bits]):
-        with pytest.raises(ValueError, match=rf"holds those from 0 to 2\^{bits} only; T.RelativeTime"):
+        with pytest.raises(ValueError, match=rf"supports those from 0 to 2\^{bits} only; T.RelativeTime"):
             nvsdata.write(Events(times, [0, 0], [0, 0], [0, 1], (4, 4)), tmp_path / "a.raw", format=kind)
-    with pytest.raises(ValueError, match="holds coordinates up to 2047 only"):
+    with pytest.raises(ValueError, match="supports coordinates up to 2047 only"):
         nvsdata.write(Events([0], [0], [0], [0], (4, 2049)), tmp_path / "a.raw", format=kind)
     assert not list(tmp_path.iterdir())
 

@@ -156,7 +156,7 @@ def test_times_that_are_no_int64_are_refused(path, storage):
     assert nvsdata.read(path).t.tolist() == times.tolist()
     times[-1] = 2**64 - 1
     put(times)
-    with pytest.raises(FormatError, match=r"t holds 18446744073709551615: at or beyond 2\^62"):
+    with pytest.raises(FormatError, match=r"t has the time 18446744073709551615, at or beyond 2\^62"):
         nvsdata.read(path)
     assert nvsdata.read(path, 100, 200).t.tolist() == times[100:200].tolist()
 

@@ -88,7 +88,7 @@ def test_times_from_2_to_the_62_are_refused(path, storage, value):
     for times in (t, np.full_like(t, value)):
         put(path, storage, t=times)
         for window, strict in (((), True), ((), False), ((0, 100), False)):
-            with pytest.raises(FormatError, match=r"/events/t holds .*: at or beyond 2\^62 µs"):
+            with pytest.raises(FormatError, match=r"/events/t has the time .*, at or beyond 2\^62 µs"):
                 nvsdata.read(path, *window, strict=strict)
 
 

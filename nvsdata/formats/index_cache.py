@@ -1,9 +1,9 @@
-"""Indexes of large files, kept next to them: `.NAME.nvsdata-index`, which may be deleted at any time.
+"""Cached indexes of large files, next to them: `.NAME.nvsdata-index`, which may be deleted at any time.
 
-Where an index takes a pass over the entire file, it is worth keeping: the next process, or a DataLoader's next worker,
-reads a window without that pass. A file that changed since, another version of this module, a folder that can't be
-written and a broken index only mean that the pass is made again. So does an index that somebody altered: it has a
-checksum, and formats compare some of its entries with the file, and those at the ends of each window.
+Some indexes need a pass over the entire file. With a cached one, the next process, or another worker of a DataLoader,
+reads a window without that pass. The pass is repeated if the file changed, for another version of this module, if the
+folder can't be written, and if the index is damaged or was altered: it has a checksum, and formats compare some of its
+entries, and those at the ends of each window, with the file.
 """
 
 from __future__ import annotations
@@ -19,55 +19,55 @@ import numpy as np
 
 from nvsdata.common.files import MOST, PART, atomic, crc32, read_own, sweep
 
-VERSION = 2  # of what is kept, and of the kernels that make it
-LEAST = 1 << 23  # bytes; the pass over smaller files takes less than 20 ms
-SETTLED_NS = 2_000_000_000  # a file changed more recently may change again with the same stamp
-COMPARED = 8  # entries of an index that are compared with the file when it is restored
+VERSION = 2  # of the cached arrays, and of the kernels that compute them
+LEAST = 1 << 23  # bytes of a file; the pass over a smaller one takes less than 20 ms
+SETTLED_NS = 2_000_000_000  # a file that changed later may change again without another time stamp
+COMPARED = 8  # random entries of an index that are compared with the file when it is loaded
 SUFFIX = ".nvsdata-index"
 
 Arrays = dict[str, np.ndarray]
 
 
 def path_of(path: str) -> Path:
-    """Return where the index of a file is kept."""
+    """Return the path of a file's index."""
     folder, name = os.path.split(path)
     return Path(folder, f".{name}{SUFFIX}")
 
 
-def some_of(count: int) -> np.ndarray:
-    """Return which of `count` entries of an index to compare with the file: the first, the last and some at random."""
+def entries_to_compare(count: int) -> np.ndarray:
+    """Return the indices of entries, of `count`, to compare with the file: the first, the last and random ones."""
     inner = np.random.default_rng().integers(0, max(count, 1), COMPARED)
     return np.unique(np.append(inner, (0, count - 1))) if count else inner[:0]
 
 
-def restore(path: str, about: dict[str, object], most: int = MOST) -> Arrays | None:
-    """Return the arrays kept for a file with these facts `about` it; None if there are none, or over `most` bytes."""
+def load_index(path: str, about: dict[str, object], most: int = MOST) -> Arrays | None:
+    """Return the arrays cached for a file of this description; None if there are none, or over `most` bytes."""
     try:
         content = read_own(path_of(path), most)
         with zipfile.ZipFile(BytesIO(content)) as archive:
-            # arrays are kept as they are: a compressed one isn't ours
+            # nvsdata doesn't compress these arrays
             if sum(entry.file_size for entry in archive.infolist()) > len(content):
                 return None
         with np.load(BytesIO(content), allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files if name not in ("about", "crc")}
             known = bytes(kept["about"]) == _described(about) and int(kept["crc"]) == _checksum(arrays)
-    except Exception:  # a broken archive raises anything
+    except Exception:  # a damaged archive may raise anything
         return None
     return arrays if known else None
 
 
-def keep(path: str, about: dict[str, object], modified: int, arrays: Arrays) -> None:
-    """Keep arrays for a file that was `modified` at a time (ns since 1970), if that is long enough ago."""
+def save_index(path: str, about: dict[str, object], modified: int, arrays: Arrays) -> None:
+    """Cache arrays for a file that was `modified` at a time (ns since 1970), if that is long enough ago."""
     if time.time_ns() - modified < SETTLED_NS or path.endswith(PART):
         return
     described = np.frombuffer(_described(about), np.uint8)
     try:
-        # what killed processes left
+        # delete files of killed processes
         sweep(path_of(path).parent, path_of(path).name)
         with atomic(path_of(path)) as temporary, temporary.open("wb") as file:
             np.savez(file, about=described, crc=np.array(_checksum(arrays)), **arrays)  # type: ignore[arg-type]
     except OSError:
-        # a folder or a disk for reading only: nothing is lost but time
+        # a read-only folder or disk: the next process repeats the pass
         return
 
 

@@ -11,7 +11,7 @@ import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.common.files import atomic
 from nvsdata.data.events import Columns
-from nvsdata.formats import kept_index
+from nvsdata.formats import index_cache
 from nvsdata.formats.aedat.aedat4 import Aedat4Recording
 
 KINDS = {"evt2": ".raw", "evt2.1": ".raw", "evt3": ".raw", "atis": ".bin"}
@@ -20,8 +20,8 @@ every = pytest.mark.parametrize("kind", KINDS)
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
-    monkeypatch.setattr(kept_index, "LEAST", 1_000)
-    monkeypatch.setattr(kept_index, "SETTLED_NS", 0)
+    monkeypatch.setattr(index_cache, "LEAST", 1_000)
+    monkeypatch.setattr(index_cache, "SETTLED_NS", 0)
 
 
 def made(kind, folder, seed=0, count=40_000):
@@ -43,7 +43,7 @@ def forbidden(self):
 def test_the_second_time_the_file_is_not_walked_over(tmp_path, monkeypatch, kind):
     path, ev = made(kind, tmp_path)
     assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
-    assert kept_index.path_of(str(path)).is_file()
+    assert index_cache.path_of(str(path)).is_file()
     assert {p.name for p in tmp_path.iterdir()} == {path.name, f".{path.name}.nvsdata-index"}
     again = nvsdata.open(path)
     monkeypatch.setattr(type(again), "_walk", forbidden)
@@ -58,20 +58,20 @@ def test_the_second_time_the_file_is_not_walked_over(tmp_path, monkeypatch, kind
 def test_a_changed_file_gets_another_index(tmp_path, kind):
     path, ev = made(kind, tmp_path)
     nvsdata.read(path, 0, 10)
-    before = kept_index.path_of(str(path)).read_bytes()
+    before = index_cache.path_of(str(path)).read_bytes()
     path, other = made(kind, tmp_path, seed=1)
     assert other != ev
     assert nvsdata.read(path, 500_000, 600_000) == other.window(500_000, 600_000)
-    assert kept_index.path_of(str(path)).read_bytes() != before
+    assert index_cache.path_of(str(path)).read_bytes() != before
 
 
 def test_an_index_of_another_version_is_not_used(tmp_path, monkeypatch):
     path, ev = made("evt3", tmp_path)
     nvsdata.read(path, 0, 10)
-    monkeypatch.setattr(kept_index, "VERSION", kept_index.VERSION + 1)
-    assert kept_index.restore(str(path), about(path)) is None
+    monkeypatch.setattr(index_cache, "VERSION", index_cache.VERSION + 1)
+    assert index_cache.load_index(str(path), about(path)) is None
     assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
-    assert kept_index.restore(str(path), about(path)) is not None
+    assert index_cache.load_index(str(path), about(path)) is not None
 
 
 def about(path):
@@ -84,7 +84,7 @@ def about(path):
 def test_a_broken_index_is_made_again(tmp_path, kind):
     path, ev = made(kind, tmp_path)
     nvsdata.read(path, 0, 10)
-    index = kept_index.path_of(str(path))
+    index = index_cache.path_of(str(path))
     whole = index.read_bytes()
     rng = np.random.default_rng(0)
     broken = [b"", b"nonsense", whole[:100], whole[:-30], whole + b"more"]
@@ -102,24 +102,24 @@ def test_a_broken_index_is_made_again(tmp_path, kind):
 
 def test_what_cannot_be_kept_is_not(tmp_path, monkeypatch):
     path, ev = made("evt3", tmp_path)
-    index = kept_index.path_of(str(path))
+    index = index_cache.path_of(str(path))
 
     def full(*args, **kwargs):
         raise OSError(errno.ENOSPC, "no space")
 
     with monkeypatch.context() as patch:
-        patch.setattr(kept_index.np, "savez", full)
+        patch.setattr(index_cache.np, "savez", full)
         assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     # it may change again within the same tick of the clock
     with monkeypatch.context() as patch:
-        patch.setattr(kept_index, "SETTLED_NS", 10**12)
+        patch.setattr(index_cache, "SETTLED_NS", 10**12)
         assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
     assert not index.exists()
-    monkeypatch.setattr(kept_index, "LEAST", path.stat().st_size + 1)
+    monkeypatch.setattr(index_cache, "LEAST", path.stat().st_size + 1)
     nvsdata.read(path, 0, 10)
     assert not index.exists()
-    monkeypatch.setattr(kept_index, "LEAST", path.stat().st_size)
+    monkeypatch.setattr(index_cache, "LEAST", path.stat().st_size)
     nvsdata.open(path, strict=False).read(0, 10)
     assert not index.exists()
     nvsdata.read(path)
@@ -146,14 +146,14 @@ def test_damage_is_named_and_no_index_kept(tmp_path, kind):
     for _ in range(2):
         with pytest.raises(nvsdata.FormatError, match=path.name):
             nvsdata.read(path, 500_000, 600_000)
-    assert not kept_index.path_of(str(path)).exists()
+    assert not index_cache.path_of(str(path)).exists()
 
 
 def test_datasets_do_not_take_an_index_for_a_recording(tmp_path):
     (tmp_path / "cat").mkdir()
     path, ev = made("evt3", tmp_path / "cat")
     nvsdata.read(path, 0, 10)
-    assert kept_index.path_of(str(path)).exists()
+    assert index_cache.path_of(str(path)).exists()
     dataset = nvsdata.EventFolder(tmp_path)
     assert len(dataset) == 1
     assert dataset[0][0] == ev
@@ -163,7 +163,7 @@ def test_datasets_do_not_take_an_index_for_a_recording(tmp_path):
 def test_a_file_put_in_the_place_of_another_with_its_size_and_time(tmp_path, kind):
     path, ev = made(kind, tmp_path)
     nvsdata.read(path, 0, 10)
-    index = kept_index.path_of(str(path)).read_bytes()
+    index = index_cache.path_of(str(path)).read_bytes()
     (tmp_path / "new").mkdir()
     other_path, _ = made(kind, tmp_path / "new", seed=1)
     raw, size = other_path.read_bytes(), path.stat().st_size
@@ -176,7 +176,7 @@ def test_a_file_put_in_the_place_of_another_with_its_size_and_time(tmp_path, kin
     assert path.stat().st_size == size
     whole = nvsdata.read(path)
     assert nvsdata.read(path, 500_000, 600_000) == whole.window(500_000, 600_000) != ev.window(500_000, 600_000)
-    assert kept_index.path_of(str(path)).read_bytes() != index
+    assert index_cache.path_of(str(path)).read_bytes() != index
 
 
 @every
@@ -184,7 +184,7 @@ def test_a_file_put_in_the_place_of_another_with_its_size_and_time(tmp_path, kin
 def test_arrays_of_another_file_are_not_used(tmp_path, kind, change):
     path, ev = made(kind, tmp_path)
     nvsdata.read(path, 0, 10)
-    arrays = kept_index.restore(str(path), about(path))
+    arrays = index_cache.load_index(str(path), about(path))
     if change == "shorter":
         arrays["times"] = arrays["times"][:-1]
     elif change == "other type":
@@ -193,7 +193,7 @@ def test_arrays_of_another_file_are_not_used(tmp_path, kind, change):
         del arrays["span"]
     else:
         arrays["states"] = np.concatenate((arrays["states"], arrays["states"]))
-    kept_index.keep(str(path), about(path), 0, arrays)
+    index_cache.save_index(str(path), about(path), 0, arrays)
     assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
 
 
@@ -206,14 +206,14 @@ def test_a_file_that_is_being_written_gets_no_index(tmp_path):
 
 def test_what_a_killed_process_left_is_removed(tmp_path):
     path, _ = made("evt3", tmp_path)
-    with atomic(kept_index.path_of(str(path))) as temporary:
+    with atomic(index_cache.path_of(str(path))) as temporary:
         name = temporary.name
     # of a process of this machine that is no more
     left = tmp_path / name.replace(f"-{os.getpid()}-", "-999999999-")
     left.write_bytes(b"half")
     nvsdata.read(path, 0, 10)
     assert not left.exists()
-    assert kept_index.path_of(str(path)).stat().st_size > 1_000
+    assert index_cache.path_of(str(path)).stat().st_size > 1_000
 
 
 def untold(folder, seed=0, count=20_000):
@@ -230,7 +230,7 @@ def untold(folder, seed=0, count=20_000):
 def test_packets_without_a_table_are_walked_over_once(tmp_path, monkeypatch):
     path, ev = untold(tmp_path)
     assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
-    assert kept_index.path_of(str(path)).is_file()
+    assert index_cache.path_of(str(path)).is_file()
     monkeypatch.setattr(Aedat4Recording, "_packets", forbidden)
     inflated = []
     content = Aedat4Recording._content
@@ -238,7 +238,7 @@ def test_packets_without_a_table_are_walked_over_once(tmp_path, monkeypatch):
     for start, stop in ((0, 10), (500_000, 600_000), (1_999_000, 2_000_001)):
         inflated.clear()
         assert nvsdata.read(path, start, stop) == ev.window(start, stop)
-        assert len(inflated) <= (stop - start) / 2_000_000 * len(ev) / 50 + 7 + kept_index.COMPARED
+        assert len(inflated) <= (stop - start) / 2_000_000 * len(ev) / 50 + 7 + index_cache.COMPARED
     assert nvsdata.open(path).span == (ev.t[0], ev.t[-1])
     monkeypatch.undo()
     assert nvsdata.read(path) == ev
@@ -250,8 +250,8 @@ def test_packets_that_changed_or_overlap_or_are_torn(tmp_path, monkeypatch):
     path, other = untold(tmp_path, seed=1)
     assert nvsdata.read(path, 700_000, 800_000) == other.window(700_000, 800_000)
     # an index of something else
-    np.savez(tmp_path / "x.npz", about=np.load(kept_index.path_of(str(path)))["about"], packets=np.zeros((2, 3)))
-    os.replace(tmp_path / "x.npz", kept_index.path_of(str(path)))
+    np.savez(tmp_path / "x.npz", about=np.load(index_cache.path_of(str(path)))["about"], packets=np.zeros((2, 3)))
+    os.replace(tmp_path / "x.npz", index_cache.path_of(str(path)))
     assert nvsdata.read(path, 700_000, 800_000) == other.window(700_000, 800_000)
     # packets whose times overlap: all is decoded, and sorted
     late = Events(np.arange(100), [0] * 100, [0] * 100, [1] * 100, (320, 240))
