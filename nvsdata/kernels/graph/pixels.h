@@ -42,7 +42,7 @@ struct Near {
     }
 };
 
-// The pixels that have events, row by row. O(N), or O(N log N) where they lie far apart.
+// The pixels that have events, of at least one event, row by row. O(N), or O(N log N) where they lie far apart.
 struct PixelLists {
     Vector<i32> order, first;  // events pixel by pixel, in order within each; where those of each pixel begin
     Vector<i32> x, y;          // of each pixel, from the corner of the box around all events, LISTED pixels wider
@@ -54,10 +54,6 @@ struct PixelLists {
     template <class Coordinate>
     PixelLists(Span<const Coordinate> xs, Span<const Coordinate> ys, bool apart) {
         std::size_t n = xs.size();
-        if (n == 0) {
-            first.push_back(0);
-            return;
-        }
         // without `apart` all events are at one place
         i64 left = 0, top = 0, right = 0, bottom = 0;
         if (apart) {

@@ -117,6 +117,13 @@ def test_events_outside_the_sensor_are_refused(x, y, width):
         read_out(np.zeros(1, np.int64), np.int16([x]), np.int16([y]), width, np.zeros(25, np.int64), 0, 0.0, 0.0, 0)
 
 
+def test_columns_of_a_readout_are_equally_long():
+    t, x = np.zeros(2, np.int64), np.zeros(2, np.int16)
+    for columns in ((t, x, x[1:]), (t, x[1:], x), (t[1:], x, x)):
+        with pytest.raises(ValueError, match="columns differ in length"):
+            read_out(*columns, 5, np.zeros(25, np.int64), 0, 0.0, 0.0, 0)
+
+
 @pytest.mark.parametrize("busy", [2.0**63, np.inf, np.nan])
 def test_a_readout_that_never_gets_there_is_refused(busy):
     columns = np.zeros(1, np.int64), *np.zeros((2, 1), np.int16)

@@ -87,6 +87,24 @@ def test_times_and_windows_may_be_as_far_as_integers_go(make, axes):
     assert network.shown.shape == CELLS
 
 
+def test_pixels_that_fill_up_and_empty_leave_the_edges_of_the_window():
+    rng = np.random.default_rng(3)
+    n, window = 3_000, 200
+    t = np.cumsum(rng.integers(0, 20, n))
+    # a spot that moves: its pixels need room for many events, and then for none
+    step = np.arange(n) // 300
+    x, y = (7 * step + rng.integers(0, 3, n)) % SIZE[0], (step + rng.integers(0, 3, n)) % SIZE[1]
+    events = columns(t, x, y)
+    network = sliding()
+    for at in range(0, n, 50):
+        network.step(t[max(at + 50 - window, 0)], *(c[at : at + 50] for c in events))
+    fresh = sliding()
+    fresh.step(0, *network.events())
+    assert len(network) >= window
+    assert set(zip(*network.edges(0).tolist(), strict=True)) == set(zip(*fresh.edges(0).tolist(), strict=True))
+    assert np.allclose(network.hidden, fresh.hidden, rtol=1e-5)
+
+
 def test_weights_and_settings_that_do_not_fit():
     first = layers(((2, 2), None, (7, 7)))[:1]
     hidden = np.zeros((10 * 8 * 3, UNITS), np.float32)
@@ -116,10 +134,19 @@ def test_weights_and_settings_that_do_not_fit():
             streaming_network(*settings, first, hidden)
     with pytest.raises(ValueError, match="weights don't fit the last layer"):
         streaming_network(SIZE, METRIC, 4, first, hidden[1:])
+    everywhere = layers((None, None, None))
+    streaming_network(SIZE, METRIC, 4, everywhere, np.zeros((SIZE[0] * SIZE[1] * 5, UNITS), np.float32))
+    with pytest.raises(ValueError, match="weights don't fit the last layer"):
+        streaming_network(SIZE, METRIC, 4, everywhere, hidden)
     with pytest.raises(ValueError, match="without layers"):
         streaming_network(SIZE, METRIC, 4, [], hidden)
     with pytest.raises(ValueError, match="the first layer must be pooled"):
         SlidingNetwork(made_network((None, None, (7, 7))), CELLS, UNITS)
+    averaged = layers((None, None, (7, 7)))
+    averaged[-1] = averaged[-1]._replace(average=True)
+    network = streaming_network(SIZE, METRIC, 4, averaged, np.zeros((CELLS[0] * CELLS[1], UNITS), np.float32))
+    with pytest.raises(ValueError, match="the last layer must be pooled by maxima"):
+        CausalNetwork(network, None, CELLS, UNITS)
     with pytest.raises(ValueError, match="only the last layer may be pooled"):
         CausalNetwork(made_network(((2, 2), None, (7, 7))), None, CELLS, UNITS)
     with pytest.raises(ValueError, match="the window must be at least 1"):
@@ -190,6 +217,9 @@ def test_earlier_edges_of_columns_that_do_not_fit():
     assert earlier_edges(far, x, x, (1, 1), METRIC, 2).shape == (2, 0)
     with pytest.raises(ValueError, match="columns of events must be equally long"):
         earlier_edges(t, x[1:], x, (1, 1), METRIC, 2)
+    for size, k in (((0, 1), 2), ((1, -1), 2), ((2**20, 2**20), 2), ((1, 1), 0)):
+        with pytest.raises(ValueError, match="no such sensor or number of neighbors"):
+            earlier_edges(t, x, x, size, METRIC, k)
     for off in (x + 1, x - 1):
         with pytest.raises(ValueError, match="an event is outside the sensor"):
             earlier_edges(t, off, x, (1, 1), METRIC, 2)
