@@ -187,7 +187,7 @@ def test_boxes_of_a_wide_sensor():
     places = rng.choice(1280 * 720, 300, replace=False)
     ev = Events(np.sort(rng.integers(0, 3_000, 300)), places % 1280, places // 1280, rng.integers(0, 2, 300))
     for k in (1, 8):
-        sampled = set(zip(*(c.tolist() for c in T.nonuniform_sample(ev, k).columns), strict=True))
+        sampled = set(zip(*(c.tolist() for c in T.NonUniformSample(k)(ev).columns), strict=True))
         members = [{tuple(int(c[i]) for c in ev.columns) for i in box} for box in slow_boxes(ev, k, 1.0, np.sqrt(BETA))]
         assert len(sampled) == len(members)
         assert all(len(sampled & box) == 1 for box in members)
