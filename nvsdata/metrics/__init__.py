@@ -2,10 +2,13 @@
 
 from nvsdata.metrics.classification import (
     Calibration,
+    PairedTest,
     accuracy_by_votes,
+    accuracy_interval,
     calibration,
     class_accuracies,
     confusion_matrix,
+    paired_test,
     predictions,
 )
 from nvsdata.metrics.distance import (
@@ -23,7 +26,9 @@ __all__ = [
     "Calibration",
     "Comparison",
     "Distance",
+    "PairedTest",
     "accuracy_by_votes",
+    "accuracy_interval",
     "area_under_roc",
     "calibration",
     "chamfer",
@@ -32,6 +37,7 @@ __all__ = [
     "confusion_matrix",
     "emd",
     "epsilon_repeatability",
+    "paired_test",
     "predictions",
     "roc",
     "score",
