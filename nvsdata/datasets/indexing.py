@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import cached_property
+from itertools import chain
 from typing import Any, ClassVar, Self, SupportsIndex, overload
 
 import numpy as np
@@ -15,7 +16,7 @@ from torch.utils.data import Dataset
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
 from nvsdata.datasets.seeded import Epochs, seeded
-from nvsdata.datasets.splits import split_hash, stratified
+from nvsdata.datasets.splits import held_out, split_hash, stratified
 
 Transform = Callable[[Any], Any]
 PairTransform = Callable[[Any, Any], tuple[Any, Any]]
@@ -102,15 +103,33 @@ class Samples(Dataset[tuple[Any, Any]]):
         """
         if not 0 < fraction < 1:
             raise ValueError(f"fraction must lie between 0 and 1, not {fraction}")
+        return self._halves(lambda files: stratified(files, 1 - fraction, seed))
+
+    def hold_out(self, fraction: float) -> tuple[Self, Self]:
+        """Hold out about a fraction of each class for validation, independently of all other recordings.
+
+        A hash of class and file name decides about each file, so files that are added or removed later move no other
+        one. All windows and labeled parts of one class and one file are in the same dataset.
+
+        Args:
+            fraction: approximate fraction to hold out, between 0 and 1.
+
+        Returns:
+            The rest, and the dataset held out.
+
+        Raises:
+            ValueError: unless 0 < fraction < 1, or if a class would be left without recordings in either.
+        """
+        return self._halves(lambda files: held_out(files, fraction))
+
+    def _halves(self, split: Callable[[list[tuple[str, str]]], tuple[list[int], list[int]]]) -> tuple[Self, Self]:
+        """Split by file, given by class and by name without folder and extension."""
         groups: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):
             files = " ".join(name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in self._files(sample))
             groups.setdefault((self.classes[sample.label], files), []).append(index)
         members = list(groups.values())
-        first, second = (
-            sorted(index for group in side for index in members[group])
-            for side in stratified(list(groups), 1 - fraction, seed)
-        )
+        first, second = (sorted(chain.from_iterable(members[n] for n in side)) for side in split(list(groups)))
         return self.subset(first), self.subset(second)
 
     @property

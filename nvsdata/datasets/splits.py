@@ -47,6 +47,42 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
     return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
 
 
+def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> tuple[list[int], list[int]]:
+    """Hold out a fraction of the recordings for validation, by a hash of class and name.
+
+    Each recording is decided by its own hash, so adding or removing others changes nothing for it. The held-out
+    fraction is therefore only approximate: about `fraction` of each class.
+
+    Args:
+        recordings: (class, name) of each.
+        fraction: approximate fraction to hold out, between 0 and 1.
+
+    Returns:
+        Two sorted lists of indices: the rest, and the recordings held out.
+
+    Raises:
+        ValueError: unless 0 < fraction < 1, or if a class would be left without recordings in either part.
+
+    Example:
+        >>> from nvsdata.datasets.splits import held_out
+        >>> rest, validation = held_out([("cat", str(i)) for i in range(1000)], 0.1)
+        >>> len(rest), len(validation)
+        (898, 102)
+    """
+    if not 0 < fraction < 1:
+        raise ValueError(f"the fraction for validation must lie between 0 and 1, not {fraction}")
+    parts: tuple[list[int], list[int]] = [], []
+    for index, (group, name) in enumerate(recordings):
+        begun = blake2b(f"{group}\0".encode("utf-8", "surrogatepass"), digest_size=8)
+        parts[int.from_bytes(_digest_with(begun, name), "big") < fraction * 2**64].append(index)
+    for part, use in zip(parts, ("training", "validation"), strict=True):
+        if missing := {group for group, _ in recordings} - {recordings[index][0] for index in part}:
+            raise ValueError(
+                f"a validation fraction of {fraction:g} leaves no recordings of {', '.join(sorted(missing))} for {use}"
+            )
+    return parts
+
+
 def _digest_with(begun: blake2b, name: str) -> bytes:
     """Return the digest of the bytes hashed so far with a name appended."""
     complete = begun.copy()

@@ -69,17 +69,21 @@ def _begin_worker(_: int) -> None:
 
 
 class TrainTestSplit:
-    """Recordings of a dataset for training and for testing: by its own split, or a fifth of each class for testing.
+    """Recordings of a dataset for training, validation and testing.
+
+    The split between training and testing is the dataset's own, or a random fifth of each class is for testing.
 
     Args:
         name: Name of the dataset.
         root: Folder of the dataset, or the file that `nvsdata pack` made of it.
         fold: Number of the split (default None: the dataset's default).
         seed: Seed of a random split, stored in `data` (default 0).
+        validate: Approximate fraction of the training recordings to hold out for validation (default 0: none). It
+            depends on no seed; see `datasets.splits.held_out`.
         errors: Handling of damaged recordings, as for datasets (default "raise").
 
     Raises:
-        ValueError: For a dataset of pairs.
+        ValueError: For a dataset of pairs, or if `validate` leaves a class without recordings.
         FileNotFoundError: If there are no recordings.
 
     Example:
@@ -97,7 +101,16 @@ class TrainTestSplit:
         (4, 1, ['cats'])
     """
 
-    def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0, errors: str = "raise") -> None:
+    def __init__(
+        self,
+        name: str,
+        root: Path,
+        *,
+        fold: int | None = None,
+        seed: int = 0,
+        validate: float = 0.0,
+        errors: str = "raise",
+    ) -> None:
         kind: Any = dataset_named(name)
         if issubclass(kind, ASLANDVS):
             raise ValueError(f"{name} is of pairs of recordings, not of classes: see recipes/similarity_aslan.py")
@@ -107,13 +120,22 @@ class TrainTestSplit:
             split = "all" if kind is EventFolder else "train"
             whole = kind(root, split, fold=fold, errors=errors)
             self._train, self._test = map(whole.subset, stratified(whole.names, 0.2, seed=seed))
+        self._validation = None
+        if validate:
+            self._train, self._validation = self._train.hold_out(validate)
         self.classes: list[str] = self._train.classes
         self.sensor_size: tuple[int, int] = self._train.sensor_size or (240, 180)
         self.data = data_of(self._train, self._test, seed)
+        if self._validation is not None:
+            self.data |= {"validate": validate, "validation_hash": self._validation.split_hash}
 
     def train(self, transform: Any) -> Any:
         """Return the training dataset with a transform."""
         return _with(self._train, transform)
+
+    def validation(self, transform: Any) -> Any:
+        """Return the validation dataset with a transform; None without one."""
+        return None if self._validation is None else _with(self._validation, transform)
 
     def test(self, transform: Any) -> Any:
         """Return the test dataset with a transform."""

@@ -29,8 +29,8 @@ FINISHED: dict[Path, int] = {}
 class Checkpoint:
     """Training after `epoch` of `epochs` epochs.
 
-    `data` describes the training data, `log` has the line of each epoch so far, the other fields are states of the
-    network, optimizer and schedule.
+    `data` describes the training data, `log` has the line of each epoch so far, `best` is the number and network of the
+    epoch with the highest validation accuracy, and the other fields are states of the network, optimizer and schedule.
     """
 
     epoch: int
@@ -40,6 +40,7 @@ class Checkpoint:
     model: dict[str, Any]
     optimizer: dict[str, Any]
     schedule: dict[str, Any]
+    best: tuple[int, dict[str, Any]] | None = None
 
     def __post_init__(self) -> None:
         counts, dicts = (self.epoch, self.epochs), (self.data, self.model, self.optimizer, self.schedule)
@@ -49,6 +50,8 @@ class Checkpoint:
             raise ValueError("its parts are of other kinds")
         if len(self.log) != self.epoch:
             raise ValueError(f"it has {len(self.log)} lines of {self.epoch} epochs")
+        if self.best is not None and not 1 <= self.best[0] <= self.epoch:
+            raise ValueError(f"its best epoch is {self.best[0]!r:.20} of {self.epoch}")
         json.dumps((self.data, self.log))  # TypeError if they are more than JSON
 
     def write(self, out: Path) -> None:

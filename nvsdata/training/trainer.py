@@ -26,6 +26,8 @@ from nvsdata.training import runs
 from nvsdata.training.data import loader
 from nvsdata.training.processes import Team
 
+VALIDATION = "validation_accuracy"
+
 
 class Trainer:
     """Trainer of a classifier by cross entropy.
@@ -87,6 +89,7 @@ class Trainer:
         self.out, self.epochs, self.batch, self.seed, self.team = out, epochs, batch, seed, team
         self.data = data | {"batch": batch, "smoothing": smoothing}
         self.lines: list[dict[str, Any]] = []
+        self.best: tuple[int, dict[str, Any]] | None = None  # epoch and weights
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
         out.mkdir(parents=True, exist_ok=True)
         if resume and (out / runs.CHECKPOINT).exists():
@@ -106,15 +109,21 @@ class Trainer:
         """Objects whose state a checkpoint contains."""
         return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
 
-    def fit(self, train_set: Any, evaluate: Callable[[int], dict[str, Any]]) -> dict[str, Any]:
-        """Train the network.
+    def fit(
+        self, train_set: Any, evaluate: Callable[[int], dict[str, Any]], patience: int | None = None
+    ) -> dict[str, Any]:
+        """Train the network, and select its weights by validation accuracy if `evaluate` returns one.
 
         Args:
             train_set: Dataset of `(input, target)`.
             evaluate: Function from the number of finished epochs to results, which are added to the line of the epoch.
+                If "validation_accuracy" is among them, the network ends with the weights of the epoch in which it was
+                highest; of equal ones, the last.
+            patience: Number of epochs without a higher validation accuracy after which training stops (default None:
+                never).
 
         Returns:
-            The line of the last epoch.
+            The line of the epoch that the weights belong to.
 
         Raises:
             ValueError: If the last batch of an epoch has fewer samples than there are processes, or if the loss becomes
@@ -134,6 +143,8 @@ class Trainer:
         if self.team.count > 1:
             model = DistributedDataParallel(self.model, broadcast_buffers=False)
         for epoch in range(self.done, self.epochs):
+            if self._out_of(patience):
+                break
             start = time.perf_counter()
             line: dict[str, Any] = {"epoch": epoch + 1, "learning_rate": self.schedule.get_last_lr()[0]}
             # what dropout draws depends on the epoch alone, so that a resumed run draws the same
@@ -148,7 +159,16 @@ class Trainer:
             if damaged := getattr(train_set, "num_damaged", 0):
                 line["damaged"] = damaged
             self._save(line)
-        return self.lines[-1] if self.lines else {}
+        if self.best is None:
+            return self.lines[-1] if self.lines else {}
+        epoch, weights = self.best
+        self.model.load_state_dict(weights)
+        return self.lines[epoch - 1]
+
+    def _out_of(self, patience: int | None) -> bool:
+        """Return True if the last `patience` epochs had no higher validation accuracy than one before."""
+        found = [line[VALIDATION] for line in self.lines if VALIDATION in line]
+        return patience is not None and len(found) > patience and max(found[-patience:]) <= max(found[:-patience])
 
     def watch(self, see: Callable[[dict[str, Any]], None]) -> None:
         """Call `see` with the line of each epoch, in the first process: now for those so far, then after each."""
@@ -192,21 +212,28 @@ class Trainer:
             if theirs != ours:
                 raise ValueError(f"{where} belongs to another run, whose {name} is {theirs}, not {ours}")
         try:
+            if state.best is not None:
+                runs.restore(self.model, state.best[1])
             for name, part in self.parts.items():
                 runs.restore(part, getattr(state, name))
         except Exception:  # whatever they make of another's
             raise ValueError(f"{where} belongs to another network or optimizer") from None
-        self.lines = state.log
+        self.lines, self.best = state.log, state.best
 
     def _save(self, line: dict[str, Any]) -> None:
         """Write and print an epoch's line, and write its checkpoint."""
         self.lines.append(line)
+        if VALIDATION in line and (self.best is None or line[VALIDATION] >= self.lines[self.best[0] - 1][VALIDATION]):
+            weights = self.model.state_dict()
+            self.best = self.done, {name: value.detach().cpu().clone() for name, value in weights.items()}
         if self.team.rank:
             runs.FINISHED[self.out] = self.done
             return
         runs.add_to_log(self.out, line)
         states = {name: part.state_dict() for name, part in self.parts.items()}
-        runs.Checkpoint(epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, **states).write(self.out)
+        runs.Checkpoint(
+            epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, best=self.best, **states
+        ).write(self.out)
         runs.FINISHED[self.out] = self.done
         self.team.print(json.dumps(line))
         for see in self._watchers:

@@ -19,6 +19,7 @@ from nvsdata.datasets import (
     stratified,
 )
 from nvsdata.datasets.hmdb51dvs import official
+from nvsdata.datasets.splits import held_out
 from nvsdata.datasets.store.writer import pack
 
 texts = st.text(st.characters(exclude_characters="\0"), max_size=6)
@@ -48,6 +49,42 @@ def test_one_recording_less_moves_at_most_one_other_of_its_class(found, share, s
     moved = (held(found, share, seed) ^ held(left, share, seed)) - {gone}
     assert len(moved) <= 1
     assert {name for name, _ in moved} <= {gone[0]}
+
+
+@given(recordings.filter(bool), shares, st.data())
+def test_holding_out_decides_about_each_recording_alone(found, share, data):
+    try:
+        rest, held_back = held_out(found, share)
+    except ValueError:
+        return
+    assert sorted(rest + held_back) == list(range(len(found)))
+    names = {found[i] for i in held_back}
+    some = data.draw(st.lists(st.sampled_from(found), unique=True))
+    try:
+        assert {some[i] for i in held_out(some, share)[1]} == names & set(some)
+    except ValueError:
+        pass  # a class of one recording can't be in both parts
+
+
+def test_about_the_fraction_of_each_class_is_held_out():
+    found = [(name, str(i)) for name in ("cat", "dog") for i in range(2000)]
+    for share in (0.05, 0.1, 0.5):
+        held_back = [found[i] for i in held_out(found, share)[1]]
+        for name in ("cat", "dog"):
+            count = sum(group == name for group, _ in held_back)
+            assert abs(count - 2000 * share) < 4 * (2000 * share * (1 - share)) ** 0.5
+
+
+def test_a_class_without_recordings_in_a_part_is_named():
+    with pytest.raises(
+        ValueError, match="a validation fraction of 0.001 leaves no recordings of cat, dog for validation"
+    ):
+        held_out([(name, str(i)) for name in ("dog", "cat") for i in range(9)], 0.001)
+    with pytest.raises(ValueError, match="a validation fraction of 0.999 leaves no recordings of cat for training"):
+        held_out([("cat", str(i)) for i in range(9)], 0.999)
+    for fraction in (0.0, 1.0, -1, 2, float("nan")):
+        with pytest.raises(ValueError, match="must lie between 0 and 1"):
+            held_out([("cat", "1")], fraction)
 
 
 @given(recordings, shares)

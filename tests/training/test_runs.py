@@ -89,6 +89,22 @@ def test_networks_are_made_for_the_sensor_of_the_data(fake_nmnist, monkeypatch):
     assert TrainTestSplit("n-mnist", fake_nmnist).sensor_size == (240, 180)
 
 
+def test_recordings_for_validation_come_from_training_only(fake_nmnist):
+    whole, part = TrainTestSplit("n-mnist", fake_nmnist), TrainTestSplit("n-mnist", fake_nmnist, validate=0.5)
+    assert whole.validation(None) is None
+    names = [sample.name for sample in part.train(None).samples + part.validation(None).samples]
+    assert sorted(names) == sorted(sample.name for sample in whole.train(None).samples)
+    assert part.test(None).samples == whole.test(None).samples
+    assert part.data["validation_hash"] == part.validation(None).split_hash != part.data["hash"]
+    assert (part.data["validate"], "validate" in whole.data) == (0.5, False)
+    # the same for other seeds
+    assert (
+        TrainTestSplit("n-mnist", fake_nmnist, validate=0.5, seed=1).data["validation_hash"]
+        == part.data["validation_hash"]
+    )
+    assert part.validation(len).transform is len
+
+
 def test_hashes_tell_what_is_trained_on(fake_nmnist, tmp_path):
     def hashes(root, name="n-mnist", seed=0):
         data = TrainTestSplit(name, root, seed=seed).data
@@ -387,3 +403,68 @@ def test_the_first_process_alone_writes(tmp_path, capsys):
     found = models.load(tmp_path / "model.safetensors")
     assert (found.classes, found.metrics) == (("a", "b"), {"test_accuracy": 0.5})
     assert found.data == DATA | {"batch": 8, "smoothing": 0.0}
+
+
+def chosen(out, accuracies, stop=None, **options):
+    """A trainer after training with the given validation accuracies, and the weights of each epoch."""
+    here, weights = trainer(out, epochs=len(accuracies), **options), {}
+
+    def evaluate(epoch):
+        if epoch == stop:
+            raise KeyboardInterrupt
+        weights[epoch] = {name: value.clone() for name, value in here.model.state_dict().items()}
+        return {"validation_accuracy": accuracies[epoch - 1]}
+
+    return here, weights, evaluate
+
+
+def same(a, b):
+    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+
+@pytest.mark.parametrize(("accuracies", "best"), [((0.2, 0.9, 0.9, 0.5), 3), ((0.9, 0.1), 1), ((0.1, 0.2), 2)])
+def test_the_network_ends_with_the_weights_of_the_best_epoch(tmp_path, accuracies, best):
+    here, weights, evaluate = chosen(tmp_path, accuracies)
+    assert here.fit(samples(), evaluate)["epoch"] == best
+    assert same(here.model.state_dict(), weights[best])
+    # and a run that is done restores them
+    again, _, evaluate = chosen(tmp_path, accuracies)
+    assert again.fit(samples(), evaluate)["epoch"] == best
+    assert same(again.model.state_dict(), weights[best])
+
+
+def test_a_resumed_run_selects_as_one_without_a_stop(tmp_path):
+    accuracies = (0.4, 0.8, 0.1, 0.7, 0.6)
+    here, weights, evaluate = chosen(tmp_path / "whole", accuracies)
+    here.fit(samples(), evaluate)
+    stopped, _, evaluate = chosen(tmp_path / "stopped", accuracies, stop=4)
+    with pytest.raises(KeyboardInterrupt):
+        stopped.fit(samples(), evaluate)
+    resumed, later, evaluate = chosen(tmp_path / "stopped", accuracies)
+    assert resumed.fit(samples(), evaluate)["epoch"] == 2
+    assert list(later) == [4, 5]
+    assert same(resumed.model.state_dict(), weights[2])
+    assert same(later[5], weights[5])
+
+
+@pytest.mark.parametrize(("patience", "epochs"), [(None, 6), (1, 3), (2, 4), (3, 6), (9, 6)])
+def test_patience_stops_a_training_that_no_longer_improves(tmp_path, patience, epochs):
+    here, _, evaluate = chosen(tmp_path, (0.3, 0.6, 0.5, 0.6, 0.7, 0.7))
+    last = here.fit(samples(), evaluate, patience)
+    assert here.done == epochs
+    assert last["validation_accuracy"] == (0.6 if epochs < 6 else 0.7)
+
+
+def test_a_best_epoch_that_is_none_of_the_runs_is_damage(tmp_path):
+    here, _, evaluate = chosen(tmp_path, (0.3, 0.6))
+    here.fit(samples(), evaluate)
+    path = tmp_path / runs.CHECKPOINT
+    state = torch.load(path, weights_only=True)
+    for best in ((3, state["best"][1]), (0, state["best"][1]), 7, ()):
+        torch.save(state | {"best": best}, path)
+        with pytest.raises(FormatError, match="is no checkpoint of a training, or damaged"):
+            trainer(tmp_path, epochs=2)
+    for best in ((1, {}), (1, None)):
+        torch.save(state | {"best": best}, path)
+        with pytest.raises(ValueError, match="belongs to another network or optimizer"):
+            trainer(tmp_path, epochs=2)
