@@ -1,10 +1,11 @@
 """Metrics: distances between emulated and real events, similarities of feature vectors, accuracy of classifiers."""
 
 from nvsdata.metrics.classification import (
+    Accuracy,
     Calibration,
     PairedTest,
+    accuracy,
     accuracy_by_votes,
-    accuracy_interval,
     calibration,
     class_accuracies,
     confusion_matrix,
@@ -23,12 +24,13 @@ from nvsdata.metrics.distance import (
 from nvsdata.metrics.similarity import area_under_roc, roc, similarities
 
 __all__ = [
+    "Accuracy",
     "Calibration",
     "Comparison",
     "Distance",
     "PairedTest",
+    "accuracy",
     "accuracy_by_votes",
-    "accuracy_interval",
     "area_under_roc",
     "calibration",
     "chamfer",

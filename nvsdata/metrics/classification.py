@@ -33,6 +33,28 @@ class Calibration(NamedTuple):
     error: float
 
 
+class Accuracy(NamedTuple):
+    """Accuracy on a sample of recordings, with a confidence interval.
+
+    Args:
+        value: Fraction of correct predictions; NaN without predictions.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+
+    Example:
+        >>> f"{accuracy([1] * 196 + [0] * 3):.3f}"
+        '0.985 (0.957 to 0.995)'
+    """
+
+    value: float
+    low: float
+    high: float
+
+    def __format__(self, form: str) -> str:
+        value, low, high = (format(number, form) for number in self)
+        return f"{value} ({low} to {high})"
+
+
 class PairedTest(NamedTuple):
     """Difference of two classifiers on the same recordings.
 
@@ -122,8 +144,8 @@ def class_accuracies(predicted: npt.ArrayLike, targets: npt.ArrayLike, classes: 
     return _quotient(right, count)
 
 
-def accuracy_interval(right: npt.ArrayLike, level: float = 0.95) -> tuple[float, float]:
-    """Return a confidence interval of an accuracy: Wilson's (1927), over recordings.
+def accuracy(right: npt.ArrayLike, level: float = 0.95) -> Accuracy:
+    """Return an accuracy with Wilson's (1927) confidence interval, over recordings.
 
     Windows of one recording are correlated. With several predictions per recording, the number of recordings is
     therefore replaced by an effective one: the number of independent predictions with the variance that the recordings
@@ -134,15 +156,14 @@ def accuracy_interval(right: npt.ArrayLike, level: float = 0.95) -> tuple[float,
         level: Fraction of such intervals that contain the true accuracy (default 0.95).
 
     Returns:
-        (low, high), from 0 to 1.
+        An `Accuracy`.
 
     Raises:
         ValueError: If there are no predictions, if they aren't 0 or 1, or if `level` isn't between 0 and 1.
 
     Example:
-        >>> low, high = accuracy_interval([1] * 196 + [0] * 3)
-        >>> round(low, 3), round(high, 3)
-        (0.957, 0.995)
+        >>> f"{accuracy([1, 1, 1, 0]):.2f}"
+        '0.75 (0.30 to 0.95)'
     """
     given, z = _outcomes(right), _quantile(level)
     values = given.mean(0)
@@ -153,7 +174,7 @@ def accuracy_interval(right: npt.ArrayLike, level: float = 0.95) -> tuple[float,
     center = (mean + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * np.sqrt(variance / count + (z / (2 * count)) ** 2)
     # with all predictions right, or all wrong, one end is the accuracy itself, but for rounding
-    return float(max(center - half, 0.0)) if mean > 0 else 0.0, float(min(center + half, 1.0)) if mean < 1 else 1.0
+    return Accuracy(float(mean), float(center - half) if mean > 0 else 0.0, float(center + half) if mean < 1 else 1.0)
 
 
 def paired_test(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95) -> PairedTest:
@@ -238,7 +259,7 @@ def calibration(confidence: npt.ArrayLike, right: npt.ArrayLike, bins: int = BIN
     return Calibration(count, means[0], means[1], error)
 
 
-def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike) -> np.ndarray:
+def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike, level: float = 0.95) -> list[Accuracy]:
     """Return the accuracy if 1, 2, ... of the windows of a recording vote.
 
     A vote sums the log-probabilities of the first windows, in some order. The result is the mean over rounds and over
@@ -248,15 +269,16 @@ def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike) -> np.ndarr
     Args:
         voters: Log-probabilities [rounds, windows, N, classes].
         targets: True classes [N].
+        level: Fraction of the intervals that contain the true accuracy (default 0.95).
 
     Returns:
-        float64 [windows].
+        An `Accuracy` for each number of windows.
 
     Raises:
-        ValueError: If the shapes don't fit.
+        ValueError: If the shapes don't fit, or if `level` isn't between 0 and 1.
 
     Example:
-        >>> accuracy_by_votes([[[[-0.1, -2.4]], [[-1.2, -0.4]]]], [0]).tolist()
+        >>> [found.value for found in accuracy_by_votes([[[[-0.1, -2.4]], [[-1.2, -0.4]]]], [0])]
         [0.5, 1.0]
     """
     given, wanted = np.asarray(voters), np.asarray(targets)
@@ -266,13 +288,13 @@ def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike) -> np.ndarr
         )
     windows = given.shape[1]
     orders = _orders(windows)
-    right = np.zeros(windows)
-    for order in orders:
+    right = np.zeros((windows, len(orders), *given[:, 0, :, 0].shape), bool)
+    for n, order in enumerate(orders):
         total = np.zeros_like(given[:, 0])
         for k, window in enumerate(order):
             total += given[:, window]
-            right[k] += ((total.argmax(-1) == wanted) & ~np.isnan(total).any(-1)).mean()
-    return right / len(orders)
+            right[k, n] = (total.argmax(-1) == wanted) & ~np.isnan(total).any(-1)
+    return [accuracy(of_size, level) for of_size in right]
 
 
 def _orders(windows: int) -> list[np.ndarray]:

@@ -82,17 +82,24 @@ def score_curve(scores: np.ndarray) -> np.ndarray:
     return curves(lines, "weighted score (lower is closer)", "trial", highest=highest)
 
 
-def points_chart(values: Sequence[float], names: Sequence[str], title: str, xlabel: str) -> np.ndarray:
+def points_chart(
+    values: Sequence[float],
+    names: Sequence[str],
+    title: str,
+    xlabel: str,
+    intervals: Sequence[tuple[float, float]] = (),
+) -> np.ndarray:
     """Draw a fraction at each of a few settings, joined by a line, with its number.
 
-    The vertical axis ends at 1 and begins at the tenth below the smallest value. If there are more than 12 values, only
-    some numbers are written.
+    The vertical axis ends at 1 and begins at the tenth below the smallest value or interval. If there are more than 12
+    values, only some numbers are written.
 
     Args:
         values: The fractions, such as accuracies, from 0 to 1.
         names: Name of each setting, written below. The settings are evenly spaced.
         title: Text above the chart.
         xlabel: Text below the axis.
+        intervals: Confidence interval of each value, (low, high), drawn as a vertical line (default: none).
 
     Returns:
         uint8 [420, 720, 3], BGR.
@@ -102,13 +109,16 @@ def points_chart(values: Sequence[float], names: Sequence[str], title: str, xlab
         (420, 720, 3)
     """
     figure, axes = new_chart(POINTS_SIZE, title, xlabel)
+    for i, (low, high) in enumerate(intervals):
+        axes.vlines(i, low, high, color=LINES[0], linewidth=2, alpha=0.4)
     axes.plot(range(len(values)), values, color=LINES[0], marker="o", markersize=6, clip_on=False)
     written = range(0, len(values), -(-len(values) // MOST_WRITTEN))
     for i in written:
         axes.annotate(f"{values[i]:.3f}", (i, values[i]), (0, 7), textcoords="offset points", ha="center", fontsize=8)
     slanted = max(len(names[i]) for i in written) > 8
     axes.set_xticks(list(written), [names[i] for i in written], rotation=20 if slanted else 0)
-    axes.set_ylim(min(int(min(values) * 10) / 10, 0.9), 1.0)
+    lowest = min([*values, *(low for low, _ in intervals)])
+    axes.set_ylim(min(int(lowest * 10) / 10, 0.9), 1.0)
     axes.margins(x=0.06)
     # numbers of values near 1 are above the end of the axis
     axes.set_title(title, fontsize=10, loc="left", pad=14)

@@ -1,7 +1,7 @@
 """Training of networks with logs, checkpoints and resumption, in one process or several."""
 
 from nvsdata.training.data import TrainTestSplit, data_of, loader
-from nvsdata.training.evaluation import Votes, accuracies, predict, votes
+from nvsdata.training.evaluation import Votes, predict, votes
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team, team
 from nvsdata.training.report import write_report
@@ -13,7 +13,6 @@ __all__ = [
     "TrainTestSplit",
     "Trainer",
     "Votes",
-    "accuracies",
     "adam",
     "data_of",
     "loader",

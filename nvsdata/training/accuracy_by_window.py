@@ -9,8 +9,9 @@ from typing import Any
 from torch.utils.data import ConcatDataset
 
 from nvsdata import transforms as T
+from nvsdata.metrics.classification import Accuracy, accuracy
 from nvsdata.training.data import loader
-from nvsdata.training.evaluation import predict, share_right
+from nvsdata.training.evaluation import correct, predict
 from nvsdata.training.trainer import Trainer
 
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the length that the network was trained with
@@ -19,7 +20,7 @@ MOST_DRAWS = 5  # of a recording, where there are fewer recordings than that
 MEASURED = 8  # recordings
 
 
-def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: Any) -> dict[int, float]:
+def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: Any) -> dict[int, Accuracy]:
     """Measure the accuracy of single windows by their length.
 
     Lengths go from a quarter of the transform's own to four times it. Lengths for which recordings are too short are
@@ -46,7 +47,7 @@ def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: 
     scores, targets = predict(trainer.model, batches, trainer.team)
     by_length = scores.view(draws, len(lengths), -1, scores.shape[1])
     wanted = targets.view(draws, len(lengths), -1)
-    return {length: share_right(by_length[:, i], wanted[:, i]) for i, length in enumerate(lengths)}
+    return {length: accuracy(correct(by_length[:, i], wanted[:, i]).numpy()) for i, length in enumerate(lengths)}
 
 
 def _spread(dataset: Any, most: int) -> Any:

@@ -43,9 +43,11 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     if kept and not (data / MARK).exists():
         raise FileExistsError(f"{out} holds a training ({', '.join(kept)}) that isn't the demo's: choose another --out")
     make_dataset(data, seed)
-    train = EventFolder(data, "train", transform=pipeline(augmented=True))
+    train, validation = EventFolder(data, "train", transform=pipeline(augmented=True)).split(0.8, seed=seed)
+    validation.transform = pipeline(augmented=False)
     test = EventFolder(data, "test", transform=pipeline(augmented=False))
-    print(f"{len(train)} recordings to train on, {len(test)} to test on, in {shown(data)}")
+    counts = f"{len(train)} recordings for training, {len(validation)} for validation, {len(test)} for testing"
+    print(f"{counts}, in {shown(data)}")
     plots.save_png(_samples_picture(data), out / "samples.png")
 
     model = models.rgcnn("n-mnist", len(train.classes))
@@ -54,19 +56,20 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     trainer = training.Trainer(
         model, optimizer, schedule, out, data=facts, epochs=epochs, batch=BATCH, team=here, seed=seed
     )
-    load = partial(training.loader, test, BATCH, here, seed=seed)
-    once = load()
+    load = partial(training.loader, batch=BATCH, team=here, seed=seed)
+    held_out = load(validation)
 
     def evaluate(epoch: int) -> dict[str, float]:
-        return {"test_accuracy": training.accuracies(model, once, 1, here)[0]}
+        return {"validation_accuracy": training.votes(model, held_out, 1, here).single.value}
 
-    trainer.fit(train, evaluate)
-    trainer.publish(train.classes, test.transform, trainer.lines[-1])
-    curves = [(name, [line[f"{name}_accuracy"] for line in trainer.lines]) for name in ("train", "test")]
+    best = trainer.fit(train, evaluate)
+    trainer.publish(train.classes, test.transform, best)
+    curves = [(name, [line[f"{name}_accuracy"] for line in trainer.lines]) for name in ("train", "validation")]
     plots.save_png(plots.curves(curves, "nvsdata demo: accuracy", "epoch"), out / "learning.png")
-    single, votes = training.accuracies(model, load(last=VOTES), VOTES, here)
-    print(f"accuracy on {len(test)} recordings not trained on, one 30 ms window each: {single:.3f}")
-    print(f"the same, {VOTES} windows of each recording voting: {votes:.3f}")
+    found = training.votes(model, load(test, last=VOTES), VOTES, here)
+    print(f"accuracy on {len(test)} test recordings, with 95% intervals")
+    print(f"  one 30 ms window:       {found.single:.3f}")
+    print(f"  vote of {VOTES} such windows: {found.together:.3f}")
     drawn, learned, network = (shown(out / name) for name in ("samples.png", "learning.png", "model.safetensors"))
     print(f"pictures: {drawn}, {learned}; network: {network}")
 

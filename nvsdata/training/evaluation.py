@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import zip_longest
 from typing import Any
 
@@ -11,6 +12,7 @@ import torch
 from torch import distributed, nn
 from torch.utils.data import DataLoader
 
+from nvsdata.metrics.classification import Accuracy, accuracy
 from nvsdata.models.prediction import vote
 from nvsdata.training.processes import Team
 
@@ -50,11 +52,10 @@ def predict(
     return torch.cat([given for given, _ in pairs]), torch.cat([targets for _, targets in pairs])
 
 
-def share_right(scores: torch.Tensor, targets: torch.Tensor) -> float:
-    """Return the fraction of scores [..., num_classes] that are highest for the true classes [...]."""
+def correct(scores: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+    """Return which of the scores [..., num_classes] are highest for the true classes: bool [...]."""
     # NaN names no class, although argmax gives one
-    right = (scores.argmax(-1) == targets) & ~scores.isnan().any(-1)
-    return right.double().mean().item()
+    return (scores.argmax(-1) == targets) & ~scores.isnan().any(-1)
 
 
 @dataclass(frozen=True)
@@ -68,22 +69,32 @@ class Votes:
     Example:
         >>> import torch
         >>> from nvsdata import training
-        >>> training.Votes(torch.tensor([[[[-0.1, -2.3]], [[-0.7, -0.6]]]]), torch.tensor([0])).single
+        >>> training.Votes(torch.tensor([[[[-0.1, -2.3]], [[-0.7, -0.6]]]]), torch.tensor([0])).single.value
         0.5
     """
 
     voters: torch.Tensor
     targets: torch.Tensor
 
-    @property
-    def single(self) -> float:
-        """Accuracy of single windows, the mean over all."""
-        return share_right(self.voters, self.targets)
+    @cached_property
+    def right_windows(self) -> torch.Tensor:
+        """Which windows are classified correctly: bool [rounds, windows, N]."""
+        return correct(self.voters, self.targets)
+
+    @cached_property
+    def right_votes(self) -> torch.Tensor:
+        """Which votes are correct: bool [rounds, N]."""
+        return correct(vote(self.voters, 1), self.targets)
 
     @property
-    def together(self) -> float:
+    def single(self) -> Accuracy:
+        """Accuracy of single windows, the mean over all."""
+        return accuracy(self.right_windows.numpy())
+
+    @property
+    def together(self) -> Accuracy:
         """Accuracy of the votes, the mean over all rounds."""
-        return share_right(vote(self.voters, 1), self.targets)
+        return accuracy(self.right_votes.numpy())
 
 
 def votes(
@@ -112,30 +123,3 @@ def votes(
     scores, targets = predict(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
     return Votes(voters, targets.chunk(rounds * windows)[0])
-
-
-def accuracies(
-    model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
-) -> tuple[float, float]:
-    """Compute the accuracy of single windows (mean over all), and of votes; see `votes`.
-
-    Args:
-        model: Network or function that returns scores [B, num_classes].
-        batches: Loader of every recording once, repeated `rounds` times `windows` times.
-        windows: Number of windows that vote together.
-        team: The processes that share each batch.
-        rounds: Votes per recording (default 1).
-
-    Returns:
-        Single-window accuracy and accuracy of the votes.
-
-    Example:
-        >>> import torch
-        >>> from nvsdata import training
-        >>> batches = [(torch.tensor([[2.0, 0.0], [1.0, 0.0]]), torch.tensor([0, 1]))]
-        >>> team = training.Team(torch.device("cpu"))
-        >>> training.accuracies(torch.nn.Identity(), batches, 1, team)
-        (0.5, 0.5)
-    """
-    given = votes(model, batches, windows, team, rounds)
-    return given.single, given.together

@@ -12,6 +12,7 @@ from nvsdata import plots
 from nvsdata import transforms as T
 from nvsdata.common.errors import shown
 from nvsdata.common.files import put
+from nvsdata.metrics import Accuracy
 from nvsdata.training.accuracy_by_window import accuracy_by_length
 from nvsdata.training.evaluation import Votes
 from nvsdata.training.summary import Mistake, Summary, as_json, mistakes_of, summarized
@@ -62,27 +63,33 @@ def write_report(
     trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} pictures")
 
 
-def _pictures(summary: Summary, by_length: dict[int, float], classes: Sequence[str]) -> dict[str, np.ndarray | None]:
+def _pictures(summary: Summary, by_length: dict[int, Accuracy], classes: Sequence[str]) -> dict[str, np.ndarray | None]:
     rounds, windows, recordings = summary.size
     vote = f"vote of {windows}"
     kinds = ("one window", vote) if windows > 1 else ("one window",)
     of = f"{recordings} recordings" + (f", {rounds} votes each" if rounds > 1 else "")
+    bars = [np.array([found.value for found in of_kind]) for of_kind in summary.classes[::-1]]
     pictures: dict[str, np.ndarray | None] = {
         "confusion.png": plots.confusion(summary.confusion, classes, f"{kinds[-1]}, {of}"),
         "classes.png": plots.class_bars(
-            classes, summary.counts, list(zip(kinds[::-1], summary.classes[::-1], strict=False)), f"accuracy, {of}"
+            classes, summary.counts, list(zip(kinds[::-1], bars, strict=False)), f"accuracy, {of}"
         ),
         "calibration.png": plots.reliability(list(zip(kinds, summary.calibration, strict=False))),
     }
     if windows > 1:
         names = [str(k + 1) for k in range(windows)]
         title = f"accuracy by the number of votes, {of}"
-        pictures["votes.png"] = plots.points_chart(summary.by_votes.tolist(), names, title, "windows that vote")
+        pictures["votes.png"] = _chart(summary.by_votes, names, title, "windows that vote")
     if by_length:
         names = [f"{length / 1000:.3g}" for length in by_length]
         title = "accuracy of one window by its length"
-        pictures["lengths.png"] = plots.points_chart(list(by_length.values()), names, title, "ms of a window")
+        pictures["lengths.png"] = _chart(list(by_length.values()), names, title, "ms of a window")
     return pictures
+
+
+def _chart(found: Sequence[Accuracy], names: Sequence[str], title: str, xlabel: str) -> np.ndarray:
+    values, intervals = [one.value for one in found], [(one.low, one.high) for one in found]
+    return plots.points_chart(values, names, title, xlabel, intervals)
 
 
 def _sheet(mistakes: Sequence[Mistake], recordings: Any, classes: Sequence[str]) -> np.ndarray:

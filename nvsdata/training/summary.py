@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from nvsdata import metrics
+from nvsdata.metrics import Accuracy
 from nvsdata.training.evaluation import Votes
 
 
@@ -18,7 +19,7 @@ class Summary:
 
     Args:
         accuracy: Accuracy over all recordings.
-        classes: Accuracy of each class [num_classes].
+        classes: Accuracy of each class; NaN for a class without recordings.
         counts: Recordings of each class [num_classes].
         calibration: Calibration.
         confusion: Confusion matrix of the votes [num_classes, num_classes].
@@ -26,12 +27,12 @@ class Summary:
         size: (rounds, windows, recordings).
     """
 
-    accuracy: tuple[float, float]
-    classes: tuple[np.ndarray, np.ndarray]
+    accuracy: tuple[Accuracy, Accuracy]
+    classes: tuple[list[Accuracy], list[Accuracy]]
     counts: np.ndarray
     calibration: tuple[metrics.Calibration, metrics.Calibration]
     confusion: np.ndarray
-    by_votes: np.ndarray
+    by_votes: list[Accuracy]
     size: tuple[int, int, int]
 
 
@@ -64,7 +65,10 @@ def summarized(votes: Votes) -> Summary:
         named.append(verdicts.ravel())
         sure.append(confidence.ravel())
         wanted.append(np.broadcast_to(targets, verdicts.shape).ravel())
-    one, all_ = (metrics.class_accuracies(n, w, classes) for n, w in zip(named, wanted, strict=True))
+    one, all_ = (
+        [_accuracy(right[..., targets == label]) for label in range(classes)]
+        for right in (votes.right_windows.numpy(), votes.right_votes.numpy())
+    )
     first, second = (metrics.calibration(s, n == w) for s, n, w in zip(sure, named, wanted, strict=True))
     return Summary(
         accuracy=(votes.single, votes.together),
@@ -75,6 +79,10 @@ def summarized(votes: Votes) -> Summary:
         by_votes=metrics.accuracy_by_votes(voters, targets),
         size=(rounds, windows, recordings),
     )
+
+
+def _accuracy(right: np.ndarray) -> Accuracy:
+    return metrics.accuracy(right) if right.size else Accuracy(np.nan, np.nan, np.nan)
 
 
 def mistakes_of(votes: Votes) -> list[Mistake]:
@@ -93,21 +101,24 @@ def mistakes_of(votes: Votes) -> list[Mistake]:
 def as_json(
     summary: Summary,
     mistakes: Sequence[Mistake],
-    by_length: dict[int, float],
+    by_length: dict[int, Accuracy],
     samples: Sequence[Any],
     classes: Sequence[str],
 ) -> dict[str, Any]:
-    """Return all results with classes by name; undefined values are None. `samples` are the dataset's."""
+    """Return all results with classes by name; undefined values are None. `samples` are the dataset's.
+
+    An accuracy is [value, low, high], with the 95% interval over recordings.
+    """
     rounds, windows, recordings = summary.size
-    one, together = (dict(zip(classes, values.tolist(), strict=True)) for values in summary.classes)
+    one, together = (dict(zip(classes, values, strict=True)) for values in summary.classes)
     counts = dict(zip(classes, summary.counts.tolist(), strict=True))
     return {
         "recordings": recordings,
         "windows": windows,
         "rounds": rounds,
-        "accuracy": {"window": summary.accuracy[0], "vote": summary.accuracy[1]},
+        "accuracy": dict(zip(("window", "vote"), map(_numbers, summary.accuracy), strict=True)),
         "classes": {
-            name: {"recordings": counts[name], "window": _number(one[name]), "vote": _number(together[name])}
+            name: {"recordings": counts[name], "window": _numbers(one[name]), "vote": _numbers(together[name])}
             for name in classes
         },
         "confusion": {
@@ -115,8 +126,8 @@ def as_json(
             for true, row in zip(classes, summary.confusion, strict=True)
         },
         "calibration": dict(zip(("window", "vote"), map(_bins, summary.calibration), strict=True)),
-        "accuracy_by_votes": {str(k): share for k, share in enumerate(summary.by_votes.tolist(), 1)},
-        "accuracy_by_window_us": {str(length): share for length, share in by_length.items()},
+        "accuracy_by_votes": {str(k): _numbers(found) for k, found in enumerate(summary.by_votes, 1)},
+        "accuracy_by_window_us": {str(length): _numbers(found) for length, found in by_length.items()},
         "mistakes": [
             {
                 "recording": samples[mistake.index].name,
@@ -132,9 +143,9 @@ def as_json(
 
 
 def _bins(found: metrics.Calibration) -> dict[str, Any]:
-    means = {name: list(map(_number, getattr(found, name).tolist())) for name in ("confidence", "accuracy")}
+    means = {name: _numbers(getattr(found, name).tolist()) for name in ("confidence", "accuracy")}
     return {"expected_calibration_error": found.error, "count": found.counts.tolist(), **means}
 
 
-def _number(value: float) -> float | None:
-    return None if np.isnan(value) else value
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    return [None if np.isnan(value) else value for value in values]

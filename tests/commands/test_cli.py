@@ -2,6 +2,7 @@ import argparse
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import fields
@@ -79,7 +80,7 @@ def test_the_demos_network_learns(tmp_path, monkeypatch, capsys):
     assert lines[-1]["loss"] < 1.35
     assert lines[-1]["train_accuracy"] >= 0.5
     told = capsys.readouterr().out.splitlines()
-    single, votes = (float(line.rsplit(" ", 1)[1]) for line in told[-3:-1])
+    single, votes = (float(line.partition(":")[2].split()[0]) for line in told[-3:-1])
     assert single >= 0.45
     assert votes >= 0.5
     assert votes * 20 == pytest.approx(round(votes * 20))
@@ -92,9 +93,10 @@ def test_demo_makes_data_pictures_and_the_same_model_again(tmp_path, monkeypatch
         out = tmp_path / name
         assert main(["demo", "--out", str(out), "--epochs", "2", "--seed", "3"]) == 0
         told = capsys.readouterr().out.splitlines()
-        assert told[0] == f"15 recordings to train on, 5 to test on, in {out / 'shapes'}"
-        assert told[-3].startswith("accuracy on 5 recordings not trained on, one 30 ms window each: 0.")
-        assert told[-2].startswith("the same, 5 windows of each recording voting: ")
+        assert told[0] == f"10 recordings for training, 5 for validation, 5 for testing, in {out / 'shapes'}"
+        assert told[-4] == "accuracy on 5 test recordings, with 95% intervals"
+        assert re.fullmatch(r"  one 30 ms window: +0\.\d{3} \(0\.\d{3} to 0\.\d{3}\)", told[-3])
+        assert told[-2].startswith("  vote of 5 such windows: ")
         network = out / "model.safetensors"
         assert told[-1] == f"pictures: {out / 'samples.png'}, {out / 'learning.png'}; network: {network}"
         lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]

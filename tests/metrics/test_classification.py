@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from nvsdata import metrics
-from nvsdata.metrics import accuracy_interval, paired_test
+from nvsdata.metrics import accuracy, paired_test
 from nvsdata.metrics.classification import _orders
 
 CLASSES = 4
@@ -80,7 +80,7 @@ def test_nan_names_no_class():
     named, confidence = metrics.predictions([[0.0, np.nan], [np.inf, 0.0], [2.0, 0.0]])
     assert named.tolist() == [-1, -1, 0]
     assert confidence[:2].tolist() == [0, 0]
-    assert metrics.accuracy_by_votes(np.full((1, 2, 3, 2), np.nan), [0, 1, 0]).tolist() == [0, 0]
+    assert metrics.accuracy_by_votes(np.full((1, 2, 3, 2), np.nan), [0, 1, 0]) == [metrics.accuracy([0, 0, 0])] * 2
 
 
 def share_of_subset(voters, targets, windows):
@@ -93,7 +93,7 @@ def test_votes_are_a_mean_over_subsets(rounds, windows, count, seed):
     # whole numbers add up alike in any order
     voters = rng.integers(-9, 0, (rounds, windows, count, 3)).astype(float)
     targets = rng.integers(0, 3, count)
-    found = metrics.accuracy_by_votes(voters, targets)
+    found = [of_size.value for of_size in metrics.accuracy_by_votes(voters, targets)]
     for k in range(1, windows + 1):
         every = [share_of_subset(voters, targets, subset) for subset in combinations(range(windows), k)]
         if windows <= 3 or k in (1, windows):
@@ -143,15 +143,15 @@ def test_what_makes_no_sense_is_refused(call, told):
 @given(st.lists(st.booleans(), min_size=1, max_size=60), st.sampled_from((0.5, 0.9, 0.95, 0.999)))
 def test_the_interval_of_one_prediction_per_recording_is_wilsons(right, level):
     low, high = stats.binomtest(sum(right), len(right)).proportion_ci(level, method="wilson")
-    assert accuracy_interval(right, level) == pytest.approx((low, high), abs=1e-12)
+    assert accuracy(right, level) == pytest.approx((np.mean(right), low, high), abs=1e-12)
 
 
 def test_equal_predictions_of_a_recording_count_once_and_independent_ones_each():
     rng = np.random.default_rng(0)
     one = rng.random(20_000) < 0.8
-    assert accuracy_interval(np.stack([one] * 5)) == pytest.approx(accuracy_interval(one), abs=1e-9)
+    assert accuracy(np.stack([one] * 5)) == pytest.approx(accuracy(one), abs=1e-9)
     five = rng.random((5, 20_000)) < 0.8
-    assert accuracy_interval(five) == pytest.approx(accuracy_interval(five.ravel()), abs=2e-4)
+    assert accuracy(five) == pytest.approx(accuracy(five.ravel()), abs=2e-4)
 
 
 def covered(trials, of):
@@ -165,7 +165,7 @@ def test_intervals_contain_the_truth_as_often_as_they_say():
         # recordings differ in difficulty: windows of one are correlated
         return rng.random((5, 200)) < rng.beta(a, b, 200)
 
-    assert covered(1000, lambda n: (accuracy_interval(draws(9, 1)), 0.9)) == pytest.approx(0.95, abs=0.025)
+    assert covered(1000, lambda n: (accuracy(draws(9, 1))[1:], 0.9)) == pytest.approx(0.95, abs=0.025)
     shown = covered(1000, lambda n: (paired_test(draws(9, 1), draws(4, 1)).interval, 0.1))
     assert shown == pytest.approx(0.95, abs=0.025)
 
@@ -197,7 +197,7 @@ def test_the_paired_interval_is_bonett_and_prices():
 @pytest.mark.parametrize("right", [[], [[]], 1, [0, 2], [0.5]])
 def test_what_are_no_predictions_is_refused(right):
     with pytest.raises(ValueError, match=r"there must be predictions|predictions must be 0 or 1"):
-        accuracy_interval(right)
+        accuracy(right)
 
 
 def test_predictions_of_other_recordings_and_levels_out_of_range_are_refused():
@@ -205,4 +205,4 @@ def test_predictions_of_other_recordings_and_levels_out_of_range_are_refused():
         paired_test([1, 0, 1], [1, 0])
     for level in (0, 1, 95, math.nan):
         with pytest.raises(ValueError, match="level must lie between 0 and 1"):
-            accuracy_interval([1, 0], level)
+            accuracy([1, 0], level)

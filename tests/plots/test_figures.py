@@ -236,6 +236,14 @@ def test_as_many_bars_as_there_is_room_for(figures, count, height, title):
     ]
 
 
+def test_intervals_of_values_are_drawn_and_within_the_axis(figures):
+    plots.points_chart([0.95, 0.97], "ab", "title", "x", [(0.85, 0.99), (0.9, 1.0)])
+    (axes,) = figures[0].axes
+    drawn = [lines.get_segments()[0].tolist() for lines in axes.collections]
+    assert drawn == [[[0, 0.85], [0, 0.99]], [[1, 0.9], [1, 1.0]]]
+    assert axes.get_ylim() == (0.8, 1)
+
+
 def test_marked_values_have_their_names_and_an_axis_up_to_1(figures):
     def axes(values, names="abcdef"):
         plots.points_chart(values, names[: len(values)], "title", "number")

@@ -14,7 +14,7 @@ from nvsdata import Events, metrics
 from nvsdata.kernels.metrics.distances import nearest
 from nvsdata.kernels.metrics.earth_mover import least_work
 from nvsdata.models.prediction import vote
-from nvsdata.training.evaluation import share_right
+from nvsdata.training.evaluation import correct
 
 EDGE = 32_766  # the last pixel of the largest sensor
 MANY = 1_000_000
@@ -131,8 +131,8 @@ def test_scores_that_tie_or_are_nothing_name_a_class_or_none():
     odd = [math.nan, 0.0], [0.0, math.nan], [-math.inf, 0.0], [math.inf, 1.0]
     ties = torch.tensor([[1.0, 1.0], *odd, [3e38, -3e38]])
     # of equals the first
-    assert share_right(ties, torch.tensor([0, 0, 0, 1, 0, 0])) == 4 / 6
-    assert share_right(ties, torch.tensor([1, 1, 1, 0, 1, 1])) == 0
+    assert correct(ties, torch.tensor([0, 0, 0, 1, 0, 0])).sum() == 4
+    assert correct(ties, torch.tensor([1, 1, 1, 0, 1, 1])).sum() == 0
     named, sure = metrics.predictions(ties)
     assert named.tolist() == [0, -1, -1, 1, -1, 0]
     assert sure.tolist() == [0.5, 0, 0, 1, 0, 1]
@@ -191,7 +191,7 @@ def test_a_mean_over_many_frames(frames):
 def test_accuracy_of_many_samples_is_exact(count):
     scores, targets = torch.zeros(count, 2), torch.zeros(count, dtype=torch.int64)
     targets[-1] = 1
-    assert share_right(scores, targets) == (count - 1) / count
+    assert metrics.accuracy(correct(scores, targets).numpy()).value == (count - 1) / count
     predicted = np.zeros(count, int)
     assert metrics.confusion_matrix(predicted, targets, 2).tolist() == [[count - 1, 0], [1, 0]]
     assert metrics.class_accuracies(predicted[:-1], targets[:-1], 1).tolist() == [1.0]

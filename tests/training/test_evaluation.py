@@ -7,8 +7,8 @@ from torch import nn
 from nvsdata import models
 from nvsdata.models.distributed import Dropout
 from nvsdata.models.prediction import vote
-from nvsdata.training import Team, accuracies, votes
-from nvsdata.training.evaluation import predict, share_right
+from nvsdata.training import Team, votes
+from nvsdata.training.evaluation import correct, predict
 
 HERE = Team(torch.device("cpu"))
 TARGETS = [0, 1, 2, 1]
@@ -43,15 +43,20 @@ def scores(given):
     return given
 
 
+def of_votes(found):
+    return found.single.value, found.together.value
+
+
 @pytest.mark.parametrize("size", [1, 3, 4, 24])
 def test_accuracies_are_those_of_the_table(size):
-    assert accuracies(scores, batches(size), 3, HERE, 2) == pytest.approx((SINGLE, TOGETHER))
+    assert of_votes(votes(scores, batches(size), 3, HERE, 2)) == pytest.approx((SINGLE, TOGETHER))
     # as one round of six, three of two, six of one: single windows stay what they are
     names = torch.tensor(TABLE).view(6, 4, 3)
     for rounds in (1, 3, 6):
         wanted = names.view(rounds, 6 // rounds, 4, 3).prod(1).argmax(-1) == torch.tensor(TARGETS)
         together = wanted.double().mean().item()
-        assert accuracies(scores, batches(size), 6 // rounds, HERE, rounds) == pytest.approx((SINGLE, together))
+        found = votes(scores, batches(size), 6 // rounds, HERE, rounds)
+        assert of_votes(found) == pytest.approx((SINGLE, together))
 
 
 def test_votes_keep_what_every_window_says():
@@ -59,15 +64,15 @@ def test_votes_keep_what_every_window_says():
     torch.testing.assert_close(found.voters.exp(), torch.tensor(TABLE, dtype=torch.float64))
     assert found.targets.tolist() == TARGETS
     assert vote(found.voters, 1).argmax(-1).tolist() == NAMED
-    assert (found.single, found.together) == pytest.approx((SINGLE, TOGETHER))
+    assert (found.single.value, found.together.value) == pytest.approx((SINGLE, TOGETHER))
 
 
 def test_a_share_is_of_scores_that_are_highest_for_their_own_target():
     given = torch.tensor([[0.0, 2.0], [3.0, 1.0], [0.0, 1.0], [torch.nan, 1.0]])
-    assert share_right(given, torch.tensor([1, 0, 0, 1])) == 0.5
-    assert share_right(given, torch.tensor([0, 1, 1, 0])) == 0.25
+    assert correct(given, torch.tensor([1, 0, 0, 1])).tolist() == [True, True, False, False]
+    assert correct(given, torch.tensor([0, 1, 1, 0])).tolist() == [False, False, True, False]
     # of many windows, against the same targets
-    assert share_right(given[:3].expand(5, 2, 3, 2), torch.tensor([1, 0, 0])) == pytest.approx(2 / 3)
+    assert correct(given[:3].expand(5, 2, 3, 2), torch.tensor([1, 0, 0])).tolist() == [[[True, True, False]] * 2] * 5
 
 
 def test_a_network_is_asked_as_it_is_in_use():

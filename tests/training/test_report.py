@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from nvsdata import Events, plots
+from nvsdata import Events, metrics, plots
 from nvsdata import transforms as T
 from nvsdata.datasets.facts import Sample
+from nvsdata.metrics import Accuracy
 from nvsdata.training import Team, Votes, report
 from nvsdata.training.summary import as_json, mistakes_of, summarized
 
@@ -41,19 +42,21 @@ def test_numbers_agree_with_each_other_and_with_the_votes():
     votes = votes_of(given, targets)
     summary, mistakes = summarized(votes), mistakes_of(votes)
     samples = [Sample(f"x/{i}.bin", label) for i, label in enumerate(targets)]
-    found = json.loads(json.dumps(as_json(summary, mistakes, {10: 0.5}, samples, CLASSES), allow_nan=False))
+    found = json.loads(
+        json.dumps(as_json(summary, mistakes, {10: Accuracy(0.5, 0.25, 0.75)}, samples, CLASSES), allow_nan=False)
+    )
 
     assert (found["recordings"], found["windows"], found["rounds"]) == (20, 3, 2)
     assert found["accuracy"]["vote"] == pytest.approx(votes.together)
     assert found["accuracy_by_votes"]["3"] == pytest.approx(votes.together)
-    assert found["accuracy_by_votes"]["1"] == pytest.approx(votes.single)
+    assert found["accuracy_by_votes"]["1"][0] == pytest.approx(votes.single.value)
     counts = {true: sum(row.values()) for true, row in found["confusion"].items()}
     assert counts == {"cat": 2 * targets.count(0), "dog": 2 * targets.count(1), "owl": 0}
     right = sum(row.get(true, 0) for true, row in found["confusion"].items())
-    assert right / 40 == pytest.approx(votes.together)
+    assert right / 40 == pytest.approx(votes.together.value)
     for true in ("cat", "dog"):
-        assert found["classes"][true]["vote"] == pytest.approx(found["confusion"][true][true] / counts[true])
-    assert found["classes"]["owl"] == {"recordings": 0, "window": None, "vote": None}
+        assert found["classes"][true]["vote"][0] == pytest.approx(found["confusion"][true][true] / counts[true])
+    assert found["classes"]["owl"] == {"recordings": 0, "window": [None] * 3, "vote": [None] * 3}
     assert sum(found["calibration"]["window"]["count"]) == 120
     assert sum(found["calibration"]["vote"]["count"]) == 40
     wrong = {mistake["recording"]: mistake for mistake in found["mistakes"]}
@@ -73,7 +76,7 @@ def test_nan_is_a_mistake_without_a_name():
         {"recording": "a", "part_us": None, "true": "cat", "predicted": None, "confidence": 0.0, "wrong_votes": 1.0}
     ]
     assert found["confusion"]["cat"] == {"cat": 1}
-    assert found["accuracy"]["vote"] == 0.5
+    assert found["accuracy"]["vote"][0] == 0.5
 
 
 def test_a_report_has_every_number_by_name():
@@ -81,15 +84,23 @@ def test_a_report_has_every_number_by_name():
     given = [[[[0.2, 0.7, 0.1], [0.1, 0.1, 0.8]], [[0.9, 0.05, 0.05], [0.6, 0.2, 0.2]]]]
     votes = votes_of(given, [1, 0])
     samples = [Sample("a.bin", 1), Sample("b.bin", 0, (5, 9))]
-    found = as_json(summarized(votes), mistakes_of(votes), {15: 0.25, 30: 0.5}, samples, CLASSES)
+    found = as_json(
+        summarized(votes),
+        mistakes_of(votes),
+        {15: Accuracy(0.25, 0.2, 0.3), 30: metrics.accuracy([0, 1])},
+        samples,
+        CLASSES,
+    )
     assert (found["recordings"], found["windows"], found["rounds"]) == (2, 2, 1)
     # by products: .18 to .035 for the first; .06, .02, .16 for the second
-    assert found["accuracy"] == {"window": 0.5, "vote": 0.0}
-    assert found["classes"]["cat"] == {"recordings": 1, "window": 0.5, "vote": 0.0}
-    assert found["classes"]["dog"] == {"recordings": 1, "window": 0.5, "vote": 0.0}
+    one, none = list(metrics.accuracy([[0, 1], [1, 0]])), list(metrics.accuracy([0, 0]))
+    assert found["accuracy"] == {"window": one, "vote": none}
+    one, none = list(metrics.accuracy([[0], [1]])), list(metrics.accuracy([0]))
+    assert found["classes"]["cat"] == {"recordings": 1, "window": one, "vote": none}
+    assert found["classes"]["dog"] == {"recordings": 1, "window": one, "vote": none}
     assert found["confusion"] == {"cat": {"owl": 1}, "dog": {"cat": 1}, "owl": {}}
-    assert found["accuracy_by_window_us"] == {"15": 0.25, "30": 0.5}
-    assert found["accuracy_by_votes"] == {"1": 0.5, "2": 0.0}
+    assert found["accuracy_by_window_us"] == {"15": [0.25, 0.2, 0.3], "30": list(metrics.accuracy([0, 1]))}
+    assert {k: of_k[0] for k, of_k in found["accuracy_by_votes"].items()} == {"1": 0.5, "2": 0.0}
     assert [(m["recording"], m["part_us"], m["true"], m["predicted"], m["wrong_votes"]) for m in found["mistakes"]] == [
         ("a.bin", None, "dog", "cat", 1.0),
         ("b.bin", (5, 9), "cat", "owl", 1.0),
@@ -150,7 +161,14 @@ def written(out, monkeypatch, capsys, votes, by_length, transform=None):
 def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, drawn):
     rng = np.random.default_rng(0)
     votes = votes_of(rng.dirichlet([1, 1, 1], (2, 3, 50)), rng.integers(0, 3, 50).tolist())
-    told, window = written(tmp_path, monkeypatch, capsys, votes, {7_500: 0.5, 30_000: 0.75}, T.RandomWindow(7_000))
+    told, window = written(
+        tmp_path,
+        monkeypatch,
+        capsys,
+        votes,
+        {7_500: Accuracy(0.5, 0.4, 0.6), 30_000: Accuracy(0.75, 0.7, 0.8)},
+        T.RandomWindow(7_000),
+    )
     assert told == f"report: {tmp_path / 'report.json'}, and 6 pictures\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]
@@ -158,19 +176,21 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     ((_, _, bars, title),) = drawn["class_bars"]
     summary = summarized(votes)
     assert [name for name, _ in bars] == ["vote of 3", "one window"]
-    assert np.array_equal(bars[0][1], summary.classes[1])
-    assert np.array_equal(bars[1][1], summary.classes[0])
+    assert bars[0][1].tolist() == [found.value for found in summary.classes[1]]
+    assert bars[1][1].tolist() == [found.value for found in summary.classes[0]]
     assert title == "accuracy, 50 recordings, 2 votes each"
     (((one, first), (vote, second)),) = drawn["reliability"][0]
     assert (one, first.counts.sum(), vote, second.counts.sum()) == ("one window", 300, "vote of 3", 100)
     by_votes, by_length = drawn["points_chart"]
-    assert by_votes[1:] == (
+    assert by_votes[1:4] == (
         ["1", "2", "3"],
         "accuracy by the number of votes, 50 recordings, 2 votes each",
         "windows that vote",
     )
-    assert by_votes[0] == pytest.approx(summary.by_votes.tolist())
-    assert by_length == ([0.5, 0.75], ["7.5", "30"], "accuracy of one window by its length", "ms of a window")
+    assert by_votes[0] == [found.value for found in summary.by_votes]
+    assert by_votes[4] == [(found.low, found.high) for found in summary.by_votes]
+    of = "accuracy of one window by its length"
+    assert by_length == ([0.5, 0.75], ["7.5", "30"], of, "ms of a window", [(0.4, 0.6), (0.7, 0.8)])
     assert {path.name for path in tmp_path.iterdir()} == {"report.json", *report.PICTURES}
 
 

@@ -242,9 +242,11 @@ def test_scores_that_are_nan_name_no_class(monkeypatch):
     targets = torch.tensor([1, 0, 0, 0])
     monkeypatch.setattr(evaluation, "predict", lambda *_: (scores, targets))
     # two recordings with two windows each: of the second one, one window has no scores
-    assert evaluation.accuracies(None, None, 1, HERE) == (0.5, 0.5)
+    found = evaluation.votes(None, None, 1, HERE)
+    assert (found.single.value, found.together.value) == (0.5, 0.5)
     targets[:] = torch.tensor([1, 0, 1, 0])
-    assert evaluation.accuracies(None, None, 2, HERE) == (0.25, 0.0)
+    found = evaluation.votes(None, None, 2, HERE)
+    assert (found.single.value, found.together.value) == (0.25, 0.0)
 
 
 def test_a_checkpoint_is_checked_when_it_is_made():

@@ -13,7 +13,7 @@ from lookalikes import saccade
 from torch.utils.data import Dataset
 
 from nvsdata import Events, collate, models
-from nvsdata.training import Team, Trainer, accuracies, adam, sgd
+from nvsdata.training import Team, Trainer, adam, sgd, votes
 from nvsdata.training.objects import Objects
 from nvsdata.training.optimizers import one_cycle
 
@@ -56,7 +56,7 @@ def test_sixteen_recordings_are_learnt_by_heart(tmp_path, samples, network, sche
     batch = collate(samples)
     batches = [collate(samples[:10]), collate(samples[10:])]
     recordings = Recordings(protocol.pipeline(training=True))
-    last = trainer.fit(recordings, lambda epoch: {"accuracy": accuracies(trainer.model, batches, 1, HERE)[0]})
+    last = trainer.fit(recordings, lambda epoch: {"accuracy": votes(trainer.model, batches, 1, HERE).single.value})
     assert trainer.lines[0]["loss"] > 1
     assert last["loss"] < 0.05
     assert last["train_accuracy"] == last["accuracy"] == 1
