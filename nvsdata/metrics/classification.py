@@ -165,12 +165,17 @@ def accuracy(right: npt.ArrayLike, level: float = 0.95) -> Accuracy:
         >>> f"{accuracy([1, 1, 1, 0]):.2f}"
         '0.75 (0.30 to 0.95)'
     """
-    given, z = _outcomes(right), _quantile(level)
-    values = given.mean(0)
-    mean, count = values.mean(), values.size
+    given = _outcomes(right)
+    return _wilson(given.mean(0), len(given), level)
+
+
+def _wilson(values: np.ndarray, independent: int, level: float) -> Accuracy:
+    """Return the mean of `values`, each a mean over predictions of which at most `independent` are so."""
+    z = _quantile(level)
+    mean = values.mean()
     variance = mean * (1 - mean)
     ratio = values.var() / variance if variance > 0 else 1.0
-    count = count / min(max(ratio, 1 / len(given)), 1.0)
+    count = values.size / min(max(ratio, 1 / independent), 1.0)
     center = (mean + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * np.sqrt(variance / count + (z / (2 * count)) ** 2)
     # with all predictions right, or all wrong, one end is the accuracy itself, but for rounding
@@ -294,7 +299,9 @@ def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike, level: floa
         for k, window in enumerate(order):
             total += given[:, window]
             right[k, n] = (total.argmax(-1) == wanted) & ~np.isnan(total).any(-1)
-    return [accuracy(of_size, level) for of_size in right]
+    means = right.mean((1, 2))
+    # votes of k windows that share none
+    return [_wilson(means[k - 1], len(given) * (windows // k), level) for k in range(1, windows + 1)]
 
 
 def _orders(windows: int) -> list[np.ndarray]:

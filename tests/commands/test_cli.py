@@ -72,8 +72,8 @@ def test_an_unknown_command_is_a_usage_error(capsys):
 
 
 def test_the_demos_network_learns(tmp_path, monkeypatch, capsys):
-    """Five shapes, of eight recordings each. Guesses are as good as this once in a hundred thousand times."""
-    monkeypatch.setattr(demo_training, "COUNTS", {"train": 8, "test": 4})
+    """Five shapes, of eight recordings each, and two for validation. Guesses are as good as this once in a hundred thousand times."""
+    monkeypatch.setattr(demo_training, "COUNTS", {"train": 10, "test": 4})
     assert main(["demo", "--out", str(tmp_path), "--epochs", "12", "--seed", "5"]) == 0
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert lines[0]["loss"] > 1.5
