@@ -17,9 +17,9 @@ import numpy as np
 
 from nvsdata.benchmarks.case import Case, Options
 from nvsdata.benchmarks.line import OURS, Line
-from nvsdata.benchmarks.machine import commit, machine
 from nvsdata.benchmarks.tasks import cases_of
 from nvsdata.benchmarks.worker import serve
+from nvsdata.common.machine import commit, machine
 
 TURN = 0.03  # s of calls per turn, at least one call
 ROUNDS, FEW = 9, 5  # turns of each, at most FEW if quick

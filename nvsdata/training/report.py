@@ -1,8 +1,9 @@
-"""Report of a training: numbers in `report.json`, and figures."""
+"""Report of a training: numbers in `report.json`, results of each test recording in `predictions.csv`, figures."""
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,15 +13,16 @@ from nvsdata import plots
 from nvsdata import transforms as T
 from nvsdata.common.errors import shown
 from nvsdata.common.files import put
+from nvsdata.common.machine import commit, machine
 from nvsdata.metrics import Accuracy
 from nvsdata.training.accuracy_by_window import accuracy_by_length
 from nvsdata.training.evaluation import Votes
-from nvsdata.training.summary import Mistake, Summary, as_json, mistakes_of, summarized
+from nvsdata.training.summary import Mistake, Summary, as_csv, as_json, mistakes_of, summarized
 from nvsdata.training.trainer import Trainer
 from nvsdata.transforms.events.windows import T_VOL
 from nvsdata.transforms.rng import deterministic_rng
 
-REPORT = "report.json"
+REPORT, PREDICTIONS = "report.json", "predictions.csv"
 PICTURES = ("confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "mistakes.png")
 SHOWN = 48  # mistakes on the contact sheet
 
@@ -28,7 +30,10 @@ SHOWN = 48  # mistakes on the contact sheet
 def write_report(
     trainer: Trainer, test: Callable[[Any], Any], transform: Any, votes: Votes, classes: Sequence[str]
 ) -> None:
-    """Write `report.json` and its figures to the training's folder; figures without data are removed.
+    """Write `report.json`, `predictions.csv` and figures to the training's folder; figures without data are removed.
+
+    `report.json` also describes the run: command line, versions, commit, machine, data, seed, and the epoch whose
+    weights were tested.
 
     All processes of a team must call it; the first one writes.
 
@@ -52,7 +57,8 @@ def write_report(
     numbers = as_json(summary, mistakes, by_length, recordings.samples, classes)
     pictures = _pictures(summary, by_length, classes)
     pictures["mistakes.png"] = _sheet(mistakes, recordings, classes) if mistakes else None
-    put(trainer.out / REPORT, json.dumps(numbers, indent=1, allow_nan=False).encode())
+    put(trainer.out / REPORT, json.dumps(_run(trainer) | numbers, indent=1, allow_nan=False).encode())
+    put(trainer.out / PREDICTIONS, as_csv(votes, recordings.samples, classes).encode())
     for name in PICTURES:
         picture = pictures.get(name)
         if picture is None:
@@ -61,6 +67,20 @@ def write_report(
             plots.save_png(picture, trainer.out / name)
     count = sum(p is not None for p in pictures.values())
     trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} pictures")
+
+
+def _run(trainer: Trainer) -> dict[str, Any]:
+    """Describe a run, so that it can be repeated and its figures be judged."""
+    chosen = trainer.best[0] if trainer.best else trainer.done
+    by = "validation accuracy" if trainer.best else "the number of epochs"
+    run: dict[str, Any] = {
+        "command": sys.argv,
+        "commit": commit(),
+        "machine": machine(),
+        "epoch": chosen,
+        "epoch_chosen_by": by,
+    }
+    return {"run": run, "data": trainer.data, "tested_on": "test"}
 
 
 def _pictures(summary: Summary, by_length: dict[int, Accuracy], classes: Sequence[str]) -> dict[str, np.ndarray | None]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +13,8 @@ import numpy as np
 from nvsdata import metrics
 from nvsdata.metrics import Accuracy
 from nvsdata.training.evaluation import Votes
+
+COLUMNS = ("recording", "part_us", "class", "predicted", "right_votes", "votes", "right_windows", "windows")
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,26 @@ def as_json(
             for mistake in mistakes
         ],
     }
+
+
+def as_csv(votes: Votes, samples: Sequence[Any], classes: Sequence[str]) -> str:
+    """Return a table with a row for each recording: how many of its votes and windows were right.
+
+    `predicted` is the class of most votes, of equally many the first; it is empty if no vote named one.
+    """
+    named, _ = metrics.predictions(votes.voters.mean(1).numpy())
+    rounds, windows = votes.voters.shape[:2]
+    right_votes, right_windows = votes.right_votes.sum(0).tolist(), votes.right_windows.sum((0, 1)).tolist()
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for i, (sample, label) in enumerate(zip(samples, votes.targets.tolist(), strict=True)):
+        known = named[:, i][named[:, i] >= 0]
+        predicted = classes[np.bincount(known).argmax()] if known.size else ""
+        part = "-".join(map(str, sample.window)) if sample.window else ""
+        row = right_votes[i], rounds, right_windows[i], rounds * windows
+        writer.writerow([sample.name, part, classes[label], predicted, *row])
+    return table.getvalue()
 
 
 def _bins(found: metrics.Calibration) -> dict[str, Any]:

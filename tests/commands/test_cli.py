@@ -72,7 +72,7 @@ def test_an_unknown_command_is_a_usage_error(capsys):
 
 
 def test_the_demos_network_learns(tmp_path, monkeypatch, capsys):
-    """Five shapes, of eight recordings each, and two for validation. Guesses are as good as this once in a hundred thousand times."""
+    """Five shapes, of eight recordings each, two more for validation. Guesses are as good once in 100,000 times."""
     monkeypatch.setattr(demo_training, "COUNTS", {"train": 10, "test": 4})
     assert main(["demo", "--out", str(tmp_path), "--epochs", "12", "--seed", "5"]) == 0
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]

@@ -1,5 +1,7 @@
 """The numbers that a training ends with."""
 
+import csv
+import io
 import json
 from types import SimpleNamespace
 from typing import ClassVar
@@ -13,7 +15,7 @@ from nvsdata import transforms as T
 from nvsdata.datasets.facts import Sample
 from nvsdata.metrics import Accuracy
 from nvsdata.training import Team, Votes, report
-from nvsdata.training.summary import as_json, mistakes_of, summarized
+from nvsdata.training.summary import as_csv, as_json, mistakes_of, summarized
 
 CLASSES = ("cat", "dog", "owl")
 
@@ -119,6 +121,27 @@ def test_a_report_has_every_number_by_name():
     assert sum(share or 0 for share in windows["accuracy"]) == 2
 
 
+def test_predictions_are_a_row_per_recording():
+    rng = np.random.default_rng(3)
+    votes = votes_of(rng.dirichlet([1, 1, 1], (3, 2, 30)), rng.integers(0, 3, 30).tolist())
+    samples = [Sample(f"a/{n},x.bin", 0, (5, 9) if n % 2 else None) for n in range(30)]
+    rows = list(csv.DictReader(io.StringIO(as_csv(votes, samples, CLASSES))))
+    assert [(row["recording"], row["part_us"]) for row in rows[:2]] == [("a/0,x.bin", ""), ("a/1,x.bin", "5-9")]
+    assert [CLASSES.index(row["class"]) for row in rows] == votes.targets.tolist()
+    assert {(row["votes"], row["windows"]) for row in rows} == {("3", "6")}
+    assert sum(int(row["right_votes"]) for row in rows) / 90 == pytest.approx(votes.together.value)
+    assert sum(int(row["right_windows"]) for row in rows) / 180 == pytest.approx(votes.single.value)
+    for row in rows:
+        # most of three votes are right if and only if the class is predicted
+        if row["right_votes"] != "1":
+            assert (row["predicted"] == row["class"]) == (row["right_votes"] in "23")
+
+
+def test_a_recording_without_scores_has_no_prediction():
+    found = as_csv(votes_of([[[[np.nan] * 3]]], [1]), [Sample("a.bin", 1)], CLASSES).splitlines()
+    assert found[1] == "a.bin,,dog,,0,1,0,1"
+
+
 class Recordings:
     """Recordings to test on, of which the number is an event's column."""
 
@@ -152,7 +175,8 @@ def drawn(monkeypatch):
 
 def written(out, monkeypatch, capsys, votes, by_length, transform=None):
     monkeypatch.setattr(report, "accuracy_by_length", lambda *_: by_length)
-    trainer = SimpleNamespace(out=out, team=Team(torch.device("cpu")))
+    trainer = SimpleNamespace(out=out, team=Team(torch.device("cpu")), best=(2, {}), done=5, data={"seed": 3})
+    monkeypatch.setattr(Recordings, "samples", Recordings.samples[: len(votes.targets)])
     made = []
     report.write_report(trainer, lambda cut: made.append(Recordings(cut)) or made[0], transform, votes, CLASSES)
     return capsys.readouterr().out, made[0].transform
@@ -169,6 +193,10 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
         {7_500: Accuracy(0.5, 0.4, 0.6), 30_000: Accuracy(0.75, 0.7, 0.8)},
         T.RandomWindow(7_000),
     )
+    told_in = json.loads((tmp_path / "report.json").read_text())
+    assert told_in["data"] == {"seed": 3}
+    assert (told_in["run"]["epoch"], told_in["run"]["epoch_chosen_by"]) == (2, "validation accuracy")
+    assert told_in["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by"}
     assert told == f"report: {tmp_path / 'report.json'}, and 6 pictures\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]
@@ -191,7 +219,7 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     assert by_votes[4] == [(found.low, found.high) for found in summary.by_votes]
     of = "accuracy of one window by its length"
     assert by_length == ([0.5, 0.75], ["7.5", "30"], of, "ms of a window", [(0.4, 0.6), (0.7, 0.8)])
-    assert {path.name for path in tmp_path.iterdir()} == {"report.json", *report.PICTURES}
+    assert {path.name for path in tmp_path.iterdir()} == {"report.json", "predictions.csv", *report.PICTURES}
 
 
 def test_pictures_of_nothing_are_removed(tmp_path, monkeypatch, capsys, drawn):
