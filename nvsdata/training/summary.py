@@ -159,7 +159,7 @@ def as_csv(votes: Votes, samples: Sequence[Any], classes: Sequence[str]) -> str:
     writer.writerow(COLUMNS)
     for i, (sample, label) in enumerate(zip(samples, votes.targets.tolist(), strict=True)):
         known = named[:, i][named[:, i] >= 0]
-        predicted = classes[np.bincount(known).argmax()] if known.size else ""
+        predicted = classes[int(np.bincount(known).argmax())] if known.size else ""
         part = "-".join(map(str, sample.window)) if sample.window else ""
         row = right_votes[i], rounds, right_windows[i], rounds * windows
         writer.writerow([sample.name, part, classes[label], predicted, *row])

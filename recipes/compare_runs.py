@@ -1,0 +1,115 @@
+"""Compare two networks by their predictions for the same test recordings.
+
+    python recipes/compare_runs.py runs/rgcnn runs/gcnn
+
+A and B are each the folder of a run of `train_objects.py` or `train_actions.py`, or a folder of such folders, for
+example of several seeds. All runs must have the same test recordings. Several runs count as several predictions for
+each recording, and their mean and standard deviation are printed.
+
+Intervals are 95% intervals over recordings, because windows of one recording are correlated. The test is exact and
+paired by recording: with one vote per recording it is McNemar's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+from pathlib import Path
+from statistics import mean, stdev
+
+import numpy as np
+
+from nvsdata import FormatError, metrics
+from nvsdata.common.errors import shown
+from nvsdata.training import run
+from nvsdata.training.report import PREDICTIONS
+from nvsdata.training.summary import COLUMNS
+
+KINDS = {"Single windows": ("right_windows", "windows"), "Votes": ("right_votes", "votes")}
+Rows = dict[tuple[str, ...], dict[str, int]]  # by recording, part and class
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("A", type=Path, help="folder of a run, or of several")
+    parser.add_argument("B", type=Path, help="folder of a run, or of several, to compare with")
+    args = parser.parse_args()
+    tables = {name: [read(folder) for folder in runs_in(getattr(args, name))] for name in "AB"}
+    recordings = same_recordings({name: getattr(args, name) for name in "AB"}, tables)
+    print(f"A: {shown(args.A)}\nB: {shown(args.B)}\n{len(recordings)} test recordings")
+    for kind, columns in KINDS.items():
+        print(f"\n{kind}")
+        runs = {name: [outcomes(rows, recordings, *columns) for rows in tables[name]] for name in "AB"}
+        right = {name: np.concatenate(of_seeds) for name, of_seeds in runs.items()}
+        for name in "AB":
+            print(f"{name}: {metrics.accuracy(right[name]):.3f}{seeds(runs[name])}")
+        print(verdict(right["A"], right["B"]))
+
+
+def runs_in(folder: Path) -> list[Path]:
+    """The folder itself if it is a run's, else the runs in it."""
+    found = [folder] if (folder / PREDICTIONS).is_file() else sorted(p.parent for p in folder.glob(f"*/{PREDICTIONS}"))
+    if not found:
+        raise ValueError(f"{folder} has no {PREDICTIONS}, nor has a folder in it: is it the folder of a finished run?")
+    return found
+
+
+def read(folder: Path) -> Rows:
+    """The numbers of a run's predictions."""
+    path, rows = folder / PREDICTIONS, {}
+    with path.open(newline="", encoding="utf-8") as file:
+        table = csv.DictReader(file)
+        if tuple(table.fieldnames or ()) != COLUMNS:
+            raise FormatError(path, f"the columns must be {', '.join(COLUMNS)}")
+        for row in table:
+            try:
+                numbers = {name: int(row[name]) for pair in KINDS.values() for name in pair}
+            except (TypeError, ValueError):
+                raise FormatError(path, f"line {table.line_num} has no whole numbers of votes and windows") from None
+            if not all(0 <= numbers[right] <= numbers[count] and numbers[count] for right, count in KINDS.values()):
+                raise FormatError(path, f"line {table.line_num} has more right votes or windows than there are")
+            rows[row["recording"], row["part_us"], row["class"]] = numbers
+    return rows
+
+
+def same_recordings(folders: dict[str, Path], tables: dict[str, list[Rows]]) -> list[tuple[str, ...]]:
+    """The test recordings of all runs. ValueError if they differ."""
+    wanted = tables["A"][0].keys()
+    for name in "AB":
+        for rows in tables[name]:
+            if differ := wanted ^ rows.keys():
+                example = "/".join(filter(None, min(differ)))
+                which = f"the runs in {folders['A']} and {folders[name]} were tested on different recordings"
+                raise ValueError(f"{which}: {len(differ)} are in one only, such as {example}")
+    return list(wanted)
+
+
+def outcomes(rows: Rows, recordings: list[tuple[str, ...]], right: str, count: str) -> np.ndarray:
+    """Whether each prediction is right, [predictions per recording, N]; their order within a recording is arbitrary."""
+    rights, counts = (np.array([rows[recording][name] for recording in recordings]) for name in (right, count))
+    if len(set(counts)) > 1:
+        raise ValueError(f"recordings have different numbers of {count}: {counts.min()} to {counts.max()}")
+    return np.arange(counts[0])[:, None] < rights
+
+
+def seeds(runs: list[np.ndarray]) -> str:
+    """Mean and standard deviation over runs, in words; nothing for one run."""
+    if len(runs) == 1:
+        return ""
+    values = [float(right.mean()) for right in runs]
+    return f", {len(runs)} runs: mean {mean(values):.3f}, standard deviation {stdev(values):.3f}"
+
+
+def verdict(first: np.ndarray, second: np.ndarray) -> str:
+    """The difference in words."""
+    same = math.lcm(len(first), len(second))
+    found = metrics.paired_test(*(np.tile(right, (same // len(right), 1)) for right in (first, second)))
+    better, sign = ("B", -1) if found.difference < 0 else ("A", 1)
+    low, high = sorted(100 * sign * end for end in found.interval)
+    p = f"p = {found.p:.2g}" if found.p >= 0.001 else "p < 0.001"
+    return f"{better} is better by {100 * abs(found.difference):.1f} points, 95% interval {low:.1f} to {high:.1f}, {p}"
+
+
+if __name__ == "__main__":
+    run(main)
