@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import random
@@ -57,6 +58,9 @@ class Source(Protocol):
 
     def size(self, name: str) -> int:
         """Return the size of a file in bytes, by which empty recordings are recognized."""
+
+    def content(self, name: str) -> tuple[int, ...]:
+        """Return numbers that are equal for recordings of equal content."""
 
     def stamp(self, name: str) -> tuple[int, ...]:
         """Return numbers that change when the recording changes."""
@@ -175,6 +179,11 @@ class Folder:
     def size(self, name: str) -> int:
         """Return the size of the file in bytes."""
         return os.stat(self.root / name).st_size
+
+    def content(self, name: str) -> tuple[int, ...]:
+        """Return a hash of the file's bytes."""
+        with open(self.root / name, "rb") as file:
+            return tuple(hashlib.file_digest(file, "blake2b").digest()[:16])
 
     def stamp(self, name: str) -> tuple[int, ...]:
         """Return the size of the file in bytes and its modification time in ns."""

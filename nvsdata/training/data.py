@@ -141,6 +141,28 @@ class TrainTestSplit:
         """Return the test dataset with a transform."""
         return _with(self._test, transform)
 
+    def overlap(self) -> dict[str, str]:
+        """Find test recordings that are also training or validation recordings, under any name.
+
+        Files of equal size are compared by a hash of their bytes, recordings of a packed store by their checksums.
+
+        Returns:
+            Paths of the test recordings and of the same recordings in the other parts, below the root.
+        """
+        others = [
+            name for part in (self._train, self._validation) if part is not None for name in part.recording_names()
+        ]
+        source = self._test.source
+        by_size: dict[int, list[str]] = {}
+        for name in others:
+            by_size.setdefault(source.size(name), []).append(name)
+        tested = [name for name in self._test.recording_names() if source.size(name) in by_size]
+        sizes = {source.size(name) for name in tested}
+        known = {source.content(name): name for size in sizes for name in by_size[size]}
+        contents = {name: known.get(source.content(name), name) for name in tested}
+        # a file that is in both by its own name has other windows or labeled parts in each
+        return {name: other for name, other in contents.items() if other != name}
+
 
 def _with(dataset: Any, transform: Any) -> Any:
     """Return a dataset, listed once, with another transform."""

@@ -14,6 +14,7 @@ from torch.utils.data import TensorDataset
 
 import nvsdata
 from nvsdata import FormatError, models
+from nvsdata.datasets.store.writer import pack
 from nvsdata.training import Team, Trainer, TrainTestSplit, adam, evaluation, runs
 from nvsdata.training.runs import CHECKPOINT, LOG, Checkpoint
 
@@ -87,6 +88,22 @@ def test_networks_are_made_for_the_sensor_of_the_data(fake_nmnist, monkeypatch):
     monkeypatch.setattr(nvsdata.NMNIST, "sensor_size", None)
     # that of the DAVIS240C, which recorded most of them
     assert TrainTestSplit("n-mnist", fake_nmnist).sensor_size == (240, 180)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_test_recordings_that_are_training_recordings_are_found(fake_nmnist, tmp_path, packed):
+    shutil.copy(fake_nmnist / "Train/3/00002.bin", fake_nmnist / "Test/4/00777.bin")
+    root = fake_nmnist
+    if packed:
+        root = tmp_path / "digits.nvs"
+        pack(nvsdata.NMNIST(fake_nmnist, "all"), root)
+    assert TrainTestSplit("n-mnist", root).overlap() == {"Test/4/00777.bin": "Train/3/00002.bin"}
+    # one of another size, one of equal size with other events
+    content = bytearray((fake_nmnist / "Train/3/00002.bin").read_bytes())
+    content[1] ^= 1
+    (fake_nmnist / "Test/4/00777.bin").write_bytes(content)
+    (fake_nmnist / "Test/4/00778.bin").write_bytes(content[:-5])
+    assert TrainTestSplit("n-mnist", fake_nmnist).overlap() == {}
 
 
 def test_recordings_for_validation_come_from_training_only(fake_nmnist):

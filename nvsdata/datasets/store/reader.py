@@ -174,6 +174,10 @@ class Store:
             return len(self.data(name))
         return int(self._sources[self._number[name]])
 
+    def content(self, name: str) -> tuple[int, ...]:
+        """Return the stamp, which doesn't depend on the name."""
+        return self.stamp(name)
+
     def stamp(self, name: str) -> tuple[int, ...]:
         """Return the checksum of the events, and the values that it doesn't cover."""
         number = self._number[name]
