@@ -116,7 +116,7 @@ def calls(root):
         ("convert", 0, sound, out.with_suffix(".raw")),
         ("convert", 1, broken, out.with_suffix(".npy")),
         ("convert", 2, sound, out),
-        ("compare", 0, sound, other, "--picture", out.with_suffix(".png")),
+        ("compare", 0, sound, other, "--image", out.with_suffix(".png")),
         ("convert-videos", 0, videos, "--out", out, "--dry-run"),
         ("convert-videos", 1, videos, "--out", out, "--verbose", "--preview"),
         ("convert-videos", 1, videos, "--out", out, "--fps", "10"),
