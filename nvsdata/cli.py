@@ -69,8 +69,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         SystemExit: With code 2 for wrong usage, with code 0 after `--help`.
 
     Example:
-        >>> main(["cache", "info", "--json"])
-        {"total": 0}
+        >>> import tempfile
+        >>> main(["cache", "info", tempfile.mkdtemp()])
+        total: 0.0 MB
         0
     """
     from nvsdata.common.terminal import escaped_output
