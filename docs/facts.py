@@ -37,7 +37,7 @@ def _hosts(info) -> str:
     hosts = dict.fromkeys(urlsplit(url).hostname for archive in info.archives for url in archive.urls)
     hashed = sum(bool(archive.hash) for archive in info.archives)
     known = "" if not info.archives else f"; {hashed} of {len(info.archives)} hashes known"
-    return (", ".join(hosts) or "by hand only") + known
+    return (", ".join(hosts) or "manual download only") + known
 
 
 def _datasets() -> str:
@@ -47,7 +47,7 @@ def _datasets() -> str:
             continue
         info = kind.info
         sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
-        how = "by program" if info.by_program else f"[by hand]({info.page})"
+        how = "by program" if info.by_program else f"[manual download]({info.page})"
         page = f"[{kind.__name__}]({name}.md)"
         rows.append((page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how))
     return _rows(*rows)
@@ -66,7 +66,7 @@ def _dataset(name: str) -> str:
         ("splits", ", ".join(f"`{split}`" for split in kind.splits)),
         ("layout below the root", f"`{info.tree}`"),
         ("license", info.license),
-        ("download", f"{_size(info)}; " + (f"`nvsdata download {name}`" if info.by_program else "by hand")),
+        ("download", f"{_size(info)}; " + (f"`nvsdata download {name}`" if info.by_program else "manual download")),
         ("hosts", _hosts(info)),
         ("its own page", f"<{info.page}>"),
     ]
