@@ -138,5 +138,5 @@ def test_names_that_do_not_exist_are_noticed():
     assert not is_file("tests/models/test_nothing.py")
     assert not is_test("test_nothing_of_the_kind")
     assert not is_class("SumFrames")
-    assert not is_option("--emulator")
+    assert not is_option("--no-such-option")
     assert not is_identifier("spline_conv_torch")
