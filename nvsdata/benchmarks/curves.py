@@ -43,7 +43,7 @@ def front(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def exponent(lines: Sequence[Line]) -> float:
-    """b in seconds ~ size^b, fitted to lines of at least 0.1 ms, or to the two largest; NaN for fewer than two."""
+    """Return b of seconds ~ size^b, fit to lines of at least 0.1 ms or to the two largest; NaN for fewer than two."""
     points = sorted((line.place, line.seconds) for line in lines)
     kept = [point for point in points if point[1] >= SMALL]
     kept = kept if len(kept) > 1 else points[-2:]
