@@ -96,6 +96,12 @@ class Votes:
         """Accuracy of the votes, the mean over all rounds."""
         return accuracy(self.right_votes.numpy())
 
+    def __str__(self) -> str:
+        """Both accuracies in a line."""
+        _, windows, recordings = self.right_windows.shape
+        kinds = f"single windows {self.single:.3f}, votes of {windows} {self.together:.3f}"
+        return f"accuracy on {recordings} recordings, with 95% intervals: {kinds}"
+
 
 def votes(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1

@@ -63,7 +63,7 @@ class Trainer:
         >>> with tempfile.TemporaryDirectory() as folder, training.team("cpu") as team:
         ...     out = Path(folder)
         ...     trainer = training.Trainer(model, optimizer, schedule, out, data={}, epochs=2, batch=2, team=team)
-        ...     trainer.fit(dataset, lambda epoch: {})["epoch"]  # doctest: +ELLIPSIS
+        ...     trainer.fit(dataset)["epoch"]  # doctest: +ELLIPSIS
         batch 2, smoothing 0.0
         {"epoch": 1, ...
         2
@@ -110,14 +110,14 @@ class Trainer:
         return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
 
     def fit(
-        self, train_set: Any, evaluate: Callable[[int], dict[str, Any]], patience: int | None = None
+        self, train_set: Any, evaluate: Callable[[int], dict[str, Any]] | None = None, patience: int | None = None
     ) -> dict[str, Any]:
         """Train the network, and select its weights by validation accuracy if `evaluate` returns one.
 
         Args:
             train_set: Dataset of `(input, target)`.
             evaluate: Function from the number of finished epochs to results, which are added to the line of the epoch.
-                If "validation_accuracy" is among them, the network ends with the weights of the epoch in which it was
+                Default: none. If "validation_accuracy" is among them, the network ends with the weights of the epoch in which it was
                 highest; of equal ones, the last.
             patience: Number of epochs without a higher validation accuracy after which training stops (default None:
                 never).
@@ -154,7 +154,8 @@ class Trainer:
                 raise ValueError(f"the loss became {line['loss']} in epoch {epoch + 1}: try a lower learning rate")
             self.schedule.step()
             line["seconds"] = round(time.perf_counter() - start, 2)
-            line |= evaluate(epoch + 1)
+            if evaluate is not None:
+                line |= evaluate(epoch + 1)
             # what this process and its workers met since training began
             if damaged := getattr(train_set, "num_damaged", 0):
                 line["damaged"] = damaged
