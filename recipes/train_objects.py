@@ -7,9 +7,10 @@ A sample is a random 30 ms window. It is subsampled, converted to a radius graph
 with batches of 64 and a learning rate that rises to 3e-3 and falls again. docs/models.md lists the differences from the
 thesis and their effect, and how to train with its settings. If the data has no test split, a random fifth of each class
 is the test set. --validate 0.1 holds out a tenth of the training recordings: the weights of the epoch with the highest
-accuracy on them are kept. Test recordings are used once, at the end. --k, --radius, --window, --depth and --kernel-size are the ablations of Tables 4.1 to 4.5 of the
-thesis, --convolution that of Table 4.8. --network also selects a baseline CNN (section 4.4.4), which is trained by
-gradient descent on event images of --image-size pixels (Table 4.6); it ignores the settings of graphs.
+accuracy on them are kept. Test recordings are used once, at the end. --k, --radius, --window, --depth and --kernel-size
+are the ablations of Tables 4.1 to 4.5 of the thesis, --convolution that of Table 4.8. --network also selects a baseline
+CNN (section 4.4.4), which is trained by gradient descent on event images of --image-size pixels (Table 4.6); it ignores
+the settings of graphs.
 
 OUT gets `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for `nvsdata.models.load`,
 `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes and by window length, mistakes).

@@ -29,6 +29,7 @@ from nvsdata import transforms as T
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
 from nvsdata.datasets import DATASETS
+from nvsdata.metrics import Accuracy
 from nvsdata.training import Team, Trainer, TrainTestSplit, loader, run, sgd, team, votes
 from nvsdata.transforms.tensors.image import SCALES
 
@@ -112,10 +113,10 @@ def test_pipeline(args: argparse.Namespace) -> T.Compose:
     return T.Compose([*clips(args), T.FourCrops(SIZE), T.Normalize()])
 
 
-def as_text(table: dict[str, float]) -> str:
+def as_text(table: dict[str, Accuracy]) -> str:
     """Return the table as text: a row for each training set, a column for each test set."""
     lines = [f"{'trained on':12}{'real':>10}{'emulated':>10}"]
-    lines += [f"{s:12}" + "".join(f"{table[f'{s} -> {t}']:10.2%}" for t in KINDS) for s in KINDS]
+    lines += [f"{s:12}" + "".join(f"  {table[f'{s} -> {t}']:.3f}" for t in KINDS) for s in KINDS]
     return "\n".join(lines)
 
 

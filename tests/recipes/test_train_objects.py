@@ -1,4 +1,6 @@
+import csv
 import json
+import shutil
 import subprocess
 import sys
 
@@ -8,7 +10,9 @@ import torch
 from learning import on_diagonal
 from places import RECIPES
 
+import nvsdata
 from nvsdata import models
+from nvsdata.training import Trainer
 
 RECIPE = RECIPES / "train_objects.py"
 
@@ -29,13 +33,17 @@ def test_trains_resumes_exactly_and_votes(run, fake_nmnist, tmp_path):
     assert [line["epoch"] for line in log] == [1, 2, 3]
     told = report(tmp_path / "whole")
     assert (told["rounds"], told["recordings"]) == (5, 20)
-    assert log[-1]["test_accuracy_votes"] == pytest.approx(on_diagonal(told["confusion"]))
+    vote, metrics = told["accuracy"]["vote"][0], models.load(tmp_path / "whole" / "model.safetensors").metrics
+    assert vote == metrics["test_accuracy_votes"] == pytest.approx(on_diagonal(told["confusion"]))
     # mistakes are counted by recording, the shares of classes by true class, of as many recordings each
-    assert log[-1]["test_accuracy_votes"] == pytest.approx(1 - sum(m["wrong_votes"] for m in told["mistakes"]) / 20)
-    for column, share in told["accuracy"].items():
-        assert share == pytest.approx(sum(one[column] for one in told["classes"].values()) / 10)
-    # other windows than the report's: 5 rounds of 2 of each recording
-    assert log[-1]["test_accuracy"] * 200 == pytest.approx(round(log[-1]["test_accuracy"] * 200))
+    assert vote == pytest.approx(1 - sum(m["wrong_votes"] for m in told["mistakes"]) / 20)
+    for column, (share, low, high) in told["accuracy"].items():
+        assert share == pytest.approx(sum(one[column][0] for one in told["classes"].values()) / 10)
+        assert low < share < high
+    # 5 rounds of 2 windows of each recording
+    assert metrics["test_accuracy"] * 200 == pytest.approx(round(metrics["test_accuracy"] * 200))
+    # test recordings are used at the end only
+    assert not any("test" in name for line in log for name in line)
 
     # a run that was killed after writing the second line, before its checkpoint
     state = torch.load(tmp_path / "whole" / "checkpoint.pt", weights_only=True)
@@ -49,7 +57,8 @@ def test_trains_resumes_exactly_and_votes(run, fake_nmnist, tmp_path):
     assert timeless(lines(tmp_path / "killed")) == timeless(log)
     assert not list((tmp_path / "whole").glob(".*"))
     # nothing of a report is left to chance
-    assert report(tmp_path / "whole") == report(tmp_path / "killed")
+    one, two = (report(tmp_path / name) for name in ("whole", "killed"))
+    assert one | {"run": None} == two | {"run": None}
 
 
 def report(out):
@@ -65,7 +74,13 @@ def test_a_training_ends_with_a_report(run, fake_nmnist, tmp_path):
     assert "6 pictures" in run("train_objects.py", *common)
     found = report(tmp_path)
     assert (found["recordings"], found["windows"], found["rounds"]) == (20, 3, 5)
-    assert found["accuracy"]["vote"] == lines(tmp_path)[-1]["test_accuracy_votes"]
+    assert found["accuracy"]["vote"][0] == models.load(tmp_path / "model.safetensors").metrics["test_accuracy_votes"]
+    assert found["tested_on"] == "test"
+    assert (found["run"]["epoch"], found["run"]["epoch_chosen_by"]) == (1, "the number of epochs")
+    with (tmp_path / "predictions.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 20
+    assert all((fake_nmnist / row["recording"]).is_file() and row["windows"] == "15" for row in rows)
     assert list(found["classes"]) == [str(digit) for digit in range(10)]
     assert len(found["accuracy_by_votes"]) == 3
     assert "30000" in found["accuracy_by_window_us"]
@@ -79,6 +94,77 @@ def test_a_training_ends_with_a_report(run, fake_nmnist, tmp_path):
     run("train_objects.py", *common, "--resume", "--votes", 1)
     assert {path.name for path in tmp_path.glob("*.png")} == PICTURES - {"votes.png"}
     assert report(tmp_path)["windows"] == 1
+
+
+@pytest.fixture
+def many(fake_nmnist):
+    """N-MNIST's layout with enough recordings of each digit to hold some out."""
+    for path in list((fake_nmnist / "Train").glob("*/00001.bin")):
+        for number in range(10, 16):
+            shutil.copy(path, path.with_name(f"{number:05}.bin"))
+    return fake_nmnist
+
+
+class Untouchable(nvsdata.NMNIST):
+    """Fails where a test recording is read before the last step."""
+
+    allowed = False
+
+    def recording(self, index):
+        assert self.allowed or self.split_name == "train", "test data were read while something was still chosen"
+        return super().recording(index)
+
+
+@pytest.mark.parametrize("validate", [0, 0.4])
+def test_test_recordings_are_read_after_training_only(run, many, tmp_path, monkeypatch, validate):
+    monkeypatch.setattr("nvsdata.training.data.dataset_named", lambda name: Untouchable)
+    monkeypatch.setattr(Untouchable, "allowed", False)
+    real = Trainer.fit
+
+    def fit(self, *arguments):
+        found = real(self, *arguments)
+        Untouchable.allowed = True
+        return found
+
+    monkeypatch.setattr(Trainer, "fit", fit)
+    common = ("--dataset", "n-mnist", "--root", many, "--out", tmp_path / "out", "--epochs", 2, "--votes", 1)
+    said = run("train_objects.py", *common, "--device", "cpu", "--validate", validate, "--k", 8)
+    found = report(tmp_path / "out")
+    assert ("for validation" in said) == ("validation_hash" in found["data"]) == bool(validate)
+    assert all(("validation_accuracy" in line) == bool(validate) for line in lines(tmp_path / "out"))
+    if validate:
+        best = max(lines(tmp_path / "out"), key=lambda line: (line["validation_accuracy"], line["epoch"]))
+        assert (found["run"]["epoch"], found["run"]["epoch_chosen_by"]) == (best["epoch"], "validation accuracy")
+
+
+def test_a_run_is_repeated_from_its_report(run, fake_nmnist, tmp_path):
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 1, "--votes", 1, "--k", 8, "--seed", 4)
+    run("train_objects.py", *common, "--device", "cpu", "--out", tmp_path / "one")
+    again = ("--from", tmp_path / "one/report.json")
+    run("train_objects.py", *again, "--out", tmp_path / "two")
+    one, two = (torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("one", "two"))
+    assert all(torch.equal(weights, two["model"][name]) for name, weights in one["model"].items())
+    assert report(tmp_path / "one") | {"run": None} == report(tmp_path / "two") | {"run": None}
+    with pytest.raises(SystemExit, match="--from needs another --out than"):
+        run("train_objects.py", *again)
+    with pytest.raises(SystemExit, match=r"is a report of train_objects\.py"):
+        run("train_actions.py", *again, "--out", tmp_path / "three")
+    (fake_nmnist / "Train/3/00002.bin").unlink()
+    with pytest.raises(SystemExit, match=r"differs from the data of .*report\.json: hash"):
+        run("train_objects.py", *again, "--out", tmp_path / "three")
+    for content in (b"{}", b"[1", b'{"run": {"command": [1]}, "data": {}}'):
+        (tmp_path / "bad.json").write_bytes(content)
+        with pytest.raises(SystemExit, match=r"bad\.json is not the report\.json of a run"):
+            run("train_objects.py", "--from", tmp_path / "bad.json", "--out", tmp_path / "three")
+
+
+def test_shared_recordings_and_empty_validation_are_said(run, fake_nmnist, tmp_path):
+    shutil.copy(fake_nmnist / "Train/3/00002.bin", fake_nmnist / "Test/4/00777.bin")
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 1, "--votes", 1, "--k", 8, "--no-report")
+    said = run("train_objects.py", *common, "--device", "cpu", "--out", tmp_path / "out")
+    assert "1 test recordings are also training recordings, such as Test/4/00777.bin (Train/3/00002.bin)" in said
+    with pytest.raises(SystemExit, match=r"a validation fraction of 0\.01 leaves no recordings of 0, 1"):
+        run("train_objects.py", *common, "--out", tmp_path / "other", "--validate", 0.01)
 
 
 def test_without_tensorboard_the_extra_is_named(run, fake_nmnist, tmp_path, monkeypatch):
@@ -107,7 +193,9 @@ runpy.run_path({recipe!r}, run_name="__main__")
 def test_a_folder_without_splits_is_split(run, fake_nmnist, tmp_path):
     common = ("--dataset", "folder", "--root", fake_nmnist / "Train", "--out", tmp_path / "out", "--epochs", 1)
     common = (*common, "--votes", 1)
-    assert "30 recordings to train on, 10 to test on" in run("train_objects.py", *common, "--device", "cpu")
+    assert "30 recordings for training, 10 recordings for testing" in run(
+        "train_objects.py", *common, "--device", "cpu"
+    )
     assert len(lines(tmp_path / "out")) == 1
 
 

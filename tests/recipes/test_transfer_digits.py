@@ -32,7 +32,7 @@ def test_four_cells_from_one_command(tmp_path, fake_nmnist, run, monkeypatch):
     table = json.loads((tmp_path / "out/table.json").read_text())
     assert list(table) == ["emulated -> emulated", "emulated -> real", "real -> emulated", "real -> real"]
     for single, voted in table.values():
-        assert f"{single:.3f} / {voted:.3f}" in said
+        assert f"{single[0]:.3f} / {voted[0]:.3f}" in said
 
     emulated = NMNIST(tmp_path / "out/emulated", "all")
     assert np.bincount(emulated.targets).tolist() == [8] * 10
