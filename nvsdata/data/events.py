@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from nvsdata.common.notebook import drawers
 from nvsdata.kernels.decode import clock
-from nvsdata.kernels.decode.order import is_sorted, late, merge_late, stable_order
-from nvsdata.kernels.decode.select import copy_at, copy_where
+from nvsdata.kernels.decode.order import copy_at, copy_where, is_sorted, late, merge_late, stable_order
 from nvsdata.kernels.represent.inside import inside
 
 if TYPE_CHECKING:

@@ -10,11 +10,9 @@ import numpy as np
 
 from nvsdata.emulation.settings import DVSSettings
 from nvsdata.emulation.state import EmulatorState, brightness, first_weight, frame_bytes
-from nvsdata.kernels.emulate.crossings import NEVER, Array, Sensor, advance
-from nvsdata.kernels.emulate.logarithm import logarithm
-from nvsdata.kernels.emulate.photoreceptor import advance_receptors, rate
+from nvsdata.kernels.emulate.crossings import NEVER, Array, Sensor, advance, advance_receptors, receptor_rates
+from nvsdata.kernels.emulate.frames import TILE, logarithm
 from nvsdata.kernels.emulate.pix2nvs import TABLE_SIZE
-from nvsdata.kernels.emulate.tiles import TILE
 from nvsdata.video.video_frame import VideoFrame, stretch_levels
 
 THOUSAND = 1000  # dark is rounded to thousandths of a gray level, as luminance is
@@ -37,7 +35,7 @@ class DVSState(EmulatorState):
         tiles = (-(-shape[0] // TILE[0]), -(-shape[1] // TILE[1]))
         wake = np.full(tiles, 0 if settings.leak else NEVER, np.int64)
         dirty, since = np.zeros(tiles, np.bool_), np.zeros(tiles, np.int64)
-        self._array = Array(level, memory, slow.copy(), rate(slow, self._sensor), dirty, wake, since)
+        self._array = Array(level, memory, slow.copy(), receptor_rates(slow, self._sensor), dirty, wake, since)
 
     def _spikes(self, frame: VideoFrame, last: VideoFrame) -> np.ndarray:
         before, now = last.time - self._start, frame.time - self._start

@@ -41,6 +41,13 @@ class Fit:
         correlation: Correlation of the numbers of events per pixel, emulated and real.
         thresholds: Thresholds of each pixel, OFF and ON, float64 [2, H, W]; NaN for pixels with too few events.
         unidentified: Settings that couldn't be estimated and stay as they were, with the reason.
+
+    Example:
+        >>> import numpy as np
+        >>> from nvsdata.emulation import DVS, Fit
+        >>> found = Fit(DVS(on=0.2), delay=1_500, correlation=0.9, thresholds=np.zeros((2, 180, 240)))
+        >>> found.settings.on, found.delay
+        (0.2, 1500)
     """
 
     settings: DVS

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from nvsdata.data.events import Columns, Events, sort_by_time
-from nvsdata.kernels.emulate.spikes import read_out
+from nvsdata.kernels.emulate.frames import read_out
 
 AT_WHITE = 0.25  # noise of a white pixel relative to that of a black one, as v2e (Hu, Liu, Delbruck 2021) has it
 

@@ -11,7 +11,7 @@ import numpy as np
 from nvsdata.emulation.settings import PIX2NVSSettings
 from nvsdata.emulation.state import KEYED, EmulatorState, brightness, first_weight, frame_bytes
 from nvsdata.kernels.emulate import pix2nvs as kernels
-from nvsdata.kernels.emulate.logarithm import logarithm
+from nvsdata.kernels.emulate.frames import TILE, logarithm
 from nvsdata.kernels.emulate.pix2nvs import (
     AT_ONCE,
     AVERAGE,
@@ -24,7 +24,6 @@ from nvsdata.kernels.emulate.pix2nvs import (
     Tiles,
     look,
 )
-from nvsdata.kernels.emulate.tiles import TILE
 from nvsdata.video.video_frame import VideoFrame, stretch_levels
 
 METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}

@@ -12,7 +12,7 @@ import numpy as np
 from nvsdata.common.prefetch import DEPTH
 from nvsdata.data.events import MAX_COORDINATE, Columns, Events
 from nvsdata.emulation.imperfections import Imperfections, ImperfectSensor
-from nvsdata.kernels.emulate.spikes import read
+from nvsdata.kernels.emulate.frames import read_keys
 from nvsdata.video.video_frame import FULL, VideoFrame, rgb_luminance, stretch_levels
 
 LONGEST = 2**31  # µs between frames that keys can store
@@ -25,7 +25,7 @@ class FrameSpikes:
     """Spikes between two frames, packed as keys.
 
     Args:
-        keys: uint64 [n] in raster order; `kernels.emulate.spikes` describes their bits.
+        keys: uint64 [n] in raster order; `kernels.emulate.frames` describes their bits.
         before: Time of the earlier frame (µs).
         now: Time of the later frame (µs).
         timestamps: Method by which spikes get their times; see `PIX2NVS`.
@@ -49,7 +49,7 @@ class FrameSpikes:
             return Events.empty(self.sensor_size, self.before, self.now)
         columns = Columns.empty(count)
         bits = int(self.now - self.before).bit_length() if self.timestamps in KEYED else 0
-        read(keys, bits, self.before, *columns)
+        read_keys(keys, bits, self.before, *columns)
         if self.timestamps == "fixed":
             columns.t[:] = self.now
         elif self.timestamps == "linear":

@@ -11,7 +11,7 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.formats.ondisk import OnDisk
-from nvsdata.kernels.decode.reading import read_samples
+from nvsdata.kernels.decode.store import read_samples
 
 try:
     # takes three quarters of zlib's time

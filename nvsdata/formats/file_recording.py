@@ -42,6 +42,18 @@ class FileRecording(Recording):
         sensor_size: (width, height) in pixels, in place of the size that the file states (default None).
         strict: Whether damage is a FormatError (default True). Otherwise what can't be decoded is left out, and
             counted in `repairs`.
+
+    Example:
+        >>> import numpy as np
+        >>> from nvsdata.data.events import Columns
+        >>> class Ticks(FileRecording):
+        ...     format = "ticks"
+        ...     def decode(self):
+        ...         t = np.fromfile(self.path, "<i8")
+        ...         return Columns(t, t * 0, t * 0, t * 0 + 1)
+        >>> np.array([10, 20, 30]).tofile("a.ticks")
+        >>> Ticks("a.ticks", (240, 180)).read(0, 25).t
+        array([10, 20])
     """
 
     _begins: int | None = None

@@ -16,9 +16,8 @@ import numpy as np
 from nvsdata.common.validation import not_negative, whole
 from nvsdata.data.events import Events, check_inside
 from nvsdata.data.frame_edges import frame_bounds
-from nvsdata.kernels.metrics.distances import cancel, nearest, sum_polarity
+from nvsdata.kernels.metrics.distances import cancel, least_work, nearest, sum_polarity
 from nvsdata.kernels.metrics.distances import spikes as gather
-from nvsdata.kernels.metrics.earth_mover import least_work
 
 
 class Spikes(NamedTuple):

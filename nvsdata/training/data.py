@@ -81,6 +81,20 @@ class TrainTestSplit:
     Raises:
         ValueError: For a dataset of pairs.
         FileNotFoundError: If there are no recordings.
+
+    Example:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import nvsdata
+        >>> from nvsdata import training
+        >>> events = nvsdata.Events([0], [1], [2], [1], sensor_size=(4, 4))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     (Path(folder) / "cats").mkdir()
+        ...     for name in "abcde":
+        ...         _ = nvsdata.write(events, Path(folder) / "cats" / f"{name}.aedat4")
+        ...     split = training.TrainTestSplit("folder", Path(folder))
+        ...     len(split.train(None)), len(split.test(None)), split.classes
+        (4, 1, ['cats'])
     """
 
     def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0, errors: str = "raise") -> None:
@@ -123,6 +137,20 @@ def data_of(train: Any, test: Any, seed: int) -> dict[str, Any]:
 
     Returns:
         A dictionary of dataset, split, fold, seed and the hashes of both sets.
+
+    Example:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import nvsdata
+        >>> from nvsdata import training
+        >>> events = nvsdata.Events([0], [1], [2], [1], sensor_size=(4, 4))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     (Path(folder) / "cats").mkdir()
+        ...     for name in "abcde":
+        ...         _ = nvsdata.write(events, Path(folder) / "cats" / f"{name}.aedat4")
+        ...     dataset = nvsdata.EventFolder(folder)
+        ...     sorted(training.data_of(dataset, dataset, seed=0))
+        ['dataset', 'fold', 'hash', 'seed', 'split', 'test_hash']
     """
     hashes = {"hash": train.split_hash, "test_hash": test.split_hash}
     return {"dataset": train.info.name, "split": train.split_name, "fold": train.fold, "seed": seed, **hashes}

@@ -28,6 +28,15 @@ def predict(
 
     Returns:
         Values [N, ...] and targets [N], the same in all processes.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> batches = [(torch.tensor([[2.0, 0.0], [1.0, 0.0]]), torch.tensor([0, 1]))]
+        >>> team = training.Team(torch.device("cpu"))
+        >>> values, targets = training.predict(torch.nn.Identity(), batches, team)
+        >>> values.shape, targets.tolist()
+        (torch.Size([2, 2]), [0, 1])
     """
     if isinstance(model, nn.Module):
         model.eval()
@@ -91,6 +100,14 @@ def votes(
 
     Returns:
         A `Votes`.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> batches = [(torch.tensor([[2.0, 0.0], [1.0, 0.0]]), torch.tensor([0, 1]))]
+        >>> team = training.Team(torch.device("cpu"))
+        >>> training.votes(torch.nn.Identity(), batches, 1, team).targets.tolist()
+        [0, 1]
     """
     scores, targets = predict(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
@@ -111,6 +128,14 @@ def accuracies(
 
     Returns:
         Single-window accuracy and accuracy of the votes.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> batches = [(torch.tensor([[2.0, 0.0], [1.0, 0.0]]), torch.tensor([0, 1]))]
+        >>> team = training.Team(torch.device("cpu"))
+        >>> training.accuracies(torch.nn.Identity(), batches, 1, team)
+        (0.5, 0.5)
     """
     given = votes(model, batches, windows, team, rounds)
     return given.single, given.together

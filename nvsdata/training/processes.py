@@ -22,6 +22,12 @@ class Team:
         device: Device of this process.
         rank: Number of this process (default 0).
         count: Number of processes (default 1).
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> training.Team(torch.device("cpu")).rank
+        0
     """
 
     device: torch.device

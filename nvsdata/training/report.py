@@ -37,6 +37,11 @@ def write_report(
         transform: Transform from a recording to the network's input.
         votes: The network's predictions for the test recordings.
         classes: Class names.
+
+    Example:
+        >>> split = training.TrainTestSplit("folder", Path("shapes"))  # doctest: +SKIP
+        >>> found = training.votes(model, batches, windows=5, team=team)  # doctest: +SKIP
+        >>> training.write_report(trainer, split.test, transform, found, split.classes)  # doctest: +SKIP
     """
     by_length = accuracy_by_length(trainer, test, transform)
     if trainer.team.rank:

@@ -135,6 +135,9 @@ def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
 
     Raises:
         ImportError: Without `nvsdata[tensorboard]`.
+
+    Example:
+        >>> trainer.watch(training.to_tensorboard(out, team))  # doctest: +SKIP
     """
     try:
         from torch.utils.tensorboard import SummaryWriter

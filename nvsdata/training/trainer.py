@@ -51,18 +51,20 @@ class Trainer:
         FormatError: For a damaged checkpoint.
 
     Example:
-        >>> import tempfile, torch
-    >>> from pathlib import Path
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import torch
         >>> from nvsdata import training
         >>> model = torch.nn.Linear(2, 3)
         >>> optimizer, schedule = training.adam(model, 2, (60, 110))
         >>> dataset = [(torch.zeros(2), 0), (torch.ones(2), 1)]
         >>> with tempfile.TemporaryDirectory() as folder, training.team("cpu") as team:
-        ...     out = training.runs.Path(folder)
+        ...     out = Path(folder)
         ...     trainer = training.Trainer(model, optimizer, schedule, out, data={}, epochs=2, batch=2, team=team)
-        ...     trainer.done
+        ...     trainer.fit(dataset, lambda epoch: {})["epoch"]  # doctest: +ELLIPSIS
         batch 2, smoothing 0.0
-        0
+        {"epoch": 1, ...
+        2
     """
 
     def __init__(

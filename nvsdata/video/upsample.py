@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from nvsdata.kernels.emulate.tiles import TILE, find_dirty
+from nvsdata.kernels.emulate.frames import TILE, find_dirty
 from nvsdata.video.video_frame import FULL, VideoFrame, stretch_levels
 
 Upsample = Literal["none", "linear", "flow"]

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata.kernels import _native
-from nvsdata.kernels.metrics.distances import nearest
-from nvsdata.kernels.metrics.earth_mover import least_work
+from nvsdata.kernels.metrics.distances import least_work, nearest
 
 counted = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indexes counts them")
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from nvsdata import Events, metrics
-from nvsdata.kernels.metrics.earth_mover import least_work
+from nvsdata.kernels.metrics.distances import least_work
 
 # Table 3.3 of the thesis: inverted repeatability, Chamfer, EMD, score
 TABLE_3_3 = np.array(

@@ -158,7 +158,7 @@ def test_a_file_holds_the_same_events_or_says_which_it_can(tmp_path, name, by):
         middle = int(ev.t[200])
         assert recording.read(middle, middle + 501).t.tolist() == [middle, middle + 500]
     else:
-        with pytest.raises(ValueError, match=r"hold.* time|times from .* holds those"):
+        with pytest.raises(ValueError, match=r"supports (those|times from|a first time)"):
             nvsdata.write(ev, path, format=name)
         assert not list(tmp_path.iterdir())
 

@@ -11,8 +11,7 @@ import torch
 from scipy.optimize import linear_sum_assignment
 
 from nvsdata import Events, metrics
-from nvsdata.kernels.metrics.distances import nearest
-from nvsdata.kernels.metrics.earth_mover import least_work
+from nvsdata.kernels.metrics.distances import least_work, nearest
 from nvsdata.models.prediction import vote
 from nvsdata.training.evaluation import share_right
 

@@ -14,7 +14,7 @@ from nvsdata import metrics
 from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.benchmarks.inputs import SENSOR, random_events, sensor_recording
 from nvsdata.data.events import Events
-from nvsdata.kernels.metrics.earth_mover import least_work
+from nvsdata.kernels.metrics.distances import least_work
 
 RELATIVE = "relative difference from the exact distance"
 FRAMES = 4  # the distance is the mean over these

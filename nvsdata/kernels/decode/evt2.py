@@ -17,7 +17,9 @@ from nvsdata.kernels.decode.evt import count_shown, find_triggers
 def evt2_walk(
     raw: np.ndarray, block: int, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
 ) -> None:
-    """Walk over a piece of the words, uint8 [N], which begins with a block. O(N). Writes for every `block`-th word
+    """Walk over a piece of the words, uint8 [N], which begins with a block, in O(N).
+
+    Writes for every `block`-th word
 
     - the state in force there (int64 [M, 1]),
     - the time of the last event before it (int64 [M], -1 if there is none).

@@ -1,4 +1,4 @@
-"""Order in time."""
+"""Order of events in time, and events chosen by a mask or by indices (select.cpp)."""
 
 from __future__ import annotations
 
@@ -50,3 +50,16 @@ def moved(t: np.ndarray, moves: np.ndarray, sigma: float, start: int, end: int) 
     out = np.empty(t.size, np.int64)
     _native.moved(t, moves, sigma, start, end, out)
     return out
+
+
+def copy_where(keep: np.ndarray, *columns: np.ndarray) -> None:
+    """Copy the events, columns t, x, y, p, at which `keep` is true to others, which need room for one more. O(N)."""
+    _native.copy_where(keep.view(np.uint8), *columns)
+
+
+def copy_at(index: np.ndarray, *columns: np.ndarray) -> None:
+    """Copy the events, columns t, x, y, p, at indices, int32 or int64, to others. O(N).
+
+    IndexError for an index of no event.
+    """
+    _native.copy_at(index, *columns)

@@ -1,4 +1,4 @@
-"""Windows of stored columns."""
+"""Windows of stored columns, and small reads from open files (reading.cpp)."""
 
 from __future__ import annotations
 
@@ -82,4 +82,13 @@ def stored_window(
     `out_x`, `out_y` int16 and `out_p` uint8, which must be at least as long.
     """
     count: int = _native.stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p)
+    return count
+
+
+def read_samples(handle: int, begin: int, step: int, out: np.ndarray) -> int:
+    """Fill the rows of `out`, uint8 [N, size], with the bytes from `begin` on, one row every `step` bytes.
+
+    Returns the number of rows that there were bytes for: 0 on systems without `os.pread`.
+    """
+    count: int = _native.read_samples(handle, begin, step, out)
     return count

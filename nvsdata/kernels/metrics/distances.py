@@ -1,6 +1,7 @@
-"""Spikes of a frame on the pixel lattice, and the nearest spike of another frame to each.
+"""Distances between frames of spikes: the nearest spike of another frame, and the transportation problem.
 
-IndexError for what is outside the frame, ValueError for columns that differ in length.
+The former searches the pixel lattice. The latter moves mass between points at the least cost by the network simplex
+method (earth_mover.cpp). IndexError for what is outside the frame, ValueError for columns that differ in length.
 """
 
 from __future__ import annotations
@@ -71,3 +72,13 @@ def cancel(place_a: np.ndarray, a: np.ndarray, place_b: np.ndarray, b: np.ndarra
     left_a, left_b = a.copy(), b.copy()
     _native.cancel(place_a, left_a, place_b, left_b)
     return left_a, left_b
+
+
+def least_work(ax: np.ndarray, ay: np.ndarray, am: np.ndarray, bx: np.ndarray, by: np.ndarray, bm: np.ndarray) -> float:
+    """Return the least sum of mass times Euclidean distance that moves min(sum am, sum bm) from a to b, (3.15).
+
+    `ax`, `ay`, `bx`, `by` are float64, `am`, `bm` int64. O(N + M) memory; costs are computed again at each use, which
+    is no slower than reading a matrix. ValueError for no points, and for masses below 1 or with a sum of 2^62 or more.
+    """
+    work: float = _native.least_work(ax, ay, am, bx, by, bm)
+    return work

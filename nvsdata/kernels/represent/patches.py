@@ -1,4 +1,4 @@
-"""Events of pixels: merged into nodes, and counted around nodes."""
+"""Events merged by pixel, and counted around nodes in patches and around events in log-polar bins (log_polar.cpp)."""
 
 from __future__ import annotations
 
@@ -29,3 +29,22 @@ def patch_counts(x: np.ndarray, y: np.ndarray, p: np.ndarray, pos: np.ndarray, s
     out = np.zeros((len(pos), 2, size, size), np.float32)
     _native.patch_counts(x, y, p, pos, out)
     return out
+
+
+def around_events(
+    x: np.ndarray,
+    y: np.ndarray,
+    queue: int,
+    dx: np.ndarray,
+    dy: np.ndarray,
+    weights: np.ndarray,
+    count: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Put the weighted numbers of the events in the queue around each event into `out` float32 [N, bins], of sum 1.
+
+    The queue has the `queue` latest events up to the event, itself included. `dx`, `dy` int64 [M] are offsets, and
+    `weights` float32 [M, bins] what an event there adds; `count` int32 [H + 2 r, W + 2 r], r being the largest
+    offset, is scratch, 0. O(N M), and the bins that an offset reaches. IndexError for events outside the sensor.
+    """
+    _native.around_events(x, y, queue, dx, dy, weights, count, out)

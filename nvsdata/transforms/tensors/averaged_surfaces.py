@@ -13,7 +13,7 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import EVER, Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.represent.hats import sum_surfaces
+from nvsdata.kernels.represent.surfaces import sum_surfaces
 
 
 @dataclass(frozen=True)

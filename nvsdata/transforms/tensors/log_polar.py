@@ -13,7 +13,7 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.represent.log_polar import around_events
+from nvsdata.kernels.represent.patches import around_events
 
 
 @dataclass(frozen=True)

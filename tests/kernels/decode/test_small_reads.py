@@ -6,7 +6,7 @@ import tempfile
 import numpy as np
 import pytest
 
-from nvsdata.kernels.decode.reading import read_samples
+from nvsdata.kernels.decode.store import read_samples
 
 DATA = bytes(range(256)) * 4
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from nvsdata.kernels.emulate.crossings import NEVER, Array, Sensor, advance
-from nvsdata.kernels.emulate.tiles import TILE
+from nvsdata.kernels.emulate.frames import TILE
 
 LEAK = 1e-6
 

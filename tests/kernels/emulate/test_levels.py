@@ -21,7 +21,7 @@ def run_at(level):
 def digests():
     """Of results: logarithms of all brightnesses, and what emulators give for a video of each kind."""
     from nvsdata.emulation import DVS, PIX2NVS
-    from nvsdata.kernels.emulate.logarithm import logarithm
+    from nvsdata.kernels.emulate.frames import logarithm
     from nvsdata.kernels.emulate.pix2nvs import TABLE_SIZE
 
     out = np.empty(TABLE_SIZE, np.float32)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.emulate.logarithm import logarithm
+from nvsdata.kernels.emulate.frames import logarithm
 from nvsdata.kernels.emulate.pix2nvs import TABLE_SIZE
 
 F = np.float32

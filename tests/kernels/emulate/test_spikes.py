@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nvsdata.kernels.emulate.frames import TILE, read_keys, read_out
 from nvsdata.kernels.emulate.pix2nvs import CO_LOCATED, INTERPOLATED, Pixels, Rule, Tiles, step
-from nvsdata.kernels.emulate.spikes import read, read_out
-from nvsdata.kernels.emulate.tiles import TILE
 
 
 def columns(size):
@@ -21,7 +20,7 @@ def test_keys_are_sorted_by_time_and_equal_times_keep_their_order(bits, count, s
     keys = (times.astype(np.uint64) << np.uint64(32)) | (y << 17 | x << 1 | p).astype(np.uint64)
     order = np.argsort(times, kind="stable")
     found = columns(count)
-    read(keys.copy(), bits, start, *found)
+    read_keys(keys.copy(), bits, start, *found)
     for column, expected in zip(found, (times + start, x, y, p), strict=True):
         assert (column == expected[order]).all()
 
@@ -31,9 +30,9 @@ def test_columns_of_another_length_are_refused():
     keys = np.zeros(3, np.uint64)
     for wrong in ((t[:2], x, y, p), (t, x[:2], y, p), (t, x, y[:2], p), (t, x, y, p[:2])):
         with pytest.raises(ValueError, match="as long as keys"):
-            read(keys, 4, 0, *wrong)
+            read_keys(keys, 4, 0, *wrong)
     with pytest.raises(ValueError, match="0 to 32 bits"):
-        read(keys, 33, 0, t, x, y, p)
+        read_keys(keys, 33, 0, t, x, y, p)
 
 
 def fire(difference, active, threshold, most, span, keys):

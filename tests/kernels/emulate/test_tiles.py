@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nvsdata.kernels.emulate.frames import TILE, find_dirty
 from nvsdata.kernels.emulate.pix2nvs import CO_LOCATED, Pixels, Rule, Tiles, look
-from nvsdata.kernels.emulate.tiles import TILE, find_dirty
 
 
 @given(

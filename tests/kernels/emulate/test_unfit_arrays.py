@@ -6,8 +6,7 @@ import pytest
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.emulation.dvs_state import DVSState
 from nvsdata.emulation.pix2nvs_state import PIX2NVSState
-from nvsdata.kernels.emulate.crossings import advance
-from nvsdata.kernels.emulate.photoreceptor import advance_receptors
+from nvsdata.kernels.emulate.crossings import advance, advance_receptors
 from nvsdata.kernels.emulate.pix2nvs import contrast, look, luminance, step
 from nvsdata.video.frames import VideoFrame
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from nvsdata.kernels.graph import pool, spline
-from nvsdata.kernels.metrics.earth_mover import least_work
+from nvsdata.kernels.metrics.distances import least_work
 
 
 def results():

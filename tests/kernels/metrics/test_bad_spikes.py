@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.metrics.distances import cancel, nearest, spikes, sum_polarity
-from nvsdata.kernels.metrics.earth_mover import least_work
+from nvsdata.kernels.metrics.distances import cancel, least_work, nearest, spikes, sum_polarity
 
 ONE = np.ones(1, np.int64)
 

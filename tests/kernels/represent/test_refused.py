@@ -6,11 +6,9 @@ import pytest
 from nvsdata.kernels.represent import (
     filters,
     frames,
-    hats,
     hots,
     latest,
     learned,
-    log_polar,
     measures,
     patches,
     sample,
@@ -57,7 +55,7 @@ BY_POLARITY = {
     "event_surfaces": lambda *ev: surfaces.event_surfaces(
         *ev, 9.0, 1, double(*PADDED), whole(*PADDED), zeros(N, 2, 3, 3)
     ),
-    "sum_surfaces": lambda *ev: hats.sum_surfaces(
+    "sum_surfaces": lambda *ev: surfaces.sum_surfaces(
         *ev, 3, 1, 9, 9.0, double(2, *SHAPE), whole(2, *SHAPE), whole(2, *SHAPE), double(4, 2, 3, 3), whole(4)
     ),
     "counts_and_times": lambda *ev: latest.counts_and_times(*ev, 0, N, zeros(4, *SHAPE)),
@@ -82,7 +80,7 @@ BY_PIXEL = {
         t, x, y, p.astype(np.int64) % 2, 99.0, 1, zeros(4, 2, 3, 3), double(*PADDED), whole(N)
     ),
     "leak_into": lambda t, x, y, p: latest.leak_into(t, x, y, 1.0, 0.1, double(*SHAPE), whole(*SHAPE)),
-    "around_events": lambda t, x, y, p: log_polar.around_events(
+    "around_events": lambda t, x, y, p: patches.around_events(
         x, y, 9, OFFSETS, OFFSETS, np.ones((3, 4), np.float32), zeros(*PADDED[1:], dtype=np.int32), zeros(N, 4)
     ),
     "after_pause": lambda t, x, y, p: filters.after_pause(t, x, y, 9, whole(*SHAPE)),
@@ -137,8 +135,8 @@ def test_shapes_that_do_not_belong_together_are_refused():
     far = OFFSETS * -(2**63)
     scores = np.ones((3, 4), np.float32), zeros(*PADDED[1:], dtype=np.int32), zeros(N, 4)
     wrong = (
-        lambda: log_polar.around_events(x, y, 9, far, OFFSETS, *scores),
-        lambda: log_polar.around_events(x, y, 9, OFFSETS, 9 * OFFSETS, *scores),
+        lambda: patches.around_events(x, y, 9, far, OFFSETS, *scores),
+        lambda: patches.around_events(x, y, 9, OFFSETS, 9 * OFFSETS, *scores),
         lambda: latest.remember(t, x, y, p, whole(2, 0, *SHAPE), whole(2, *SHAPE)),
         lambda: latest.remember(t, x, y, p, whole(2, 3, *SHAPE), whole(2, *SHAPE[::-1])),
         lambda: filters.first_of_boxes(t, x, y, 0, 9, 2, whole(*SHAPE), whole(*SHAPE)),
