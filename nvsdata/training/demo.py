@@ -41,7 +41,8 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     data = out / "shapes"
     kept = [name for name in ("log.jsonl", "checkpoint.pt", "model.safetensors") if (out / name).exists()]
     if kept and not (data / MARK).exists():
-        raise FileExistsError(f"{out} contains a training ({', '.join(kept)}) that isn't the demo's: choose another --out")
+        found = ", ".join(kept)
+        raise FileExistsError(f"{out} contains a training ({found}) that isn't the demo's: choose another --out")
     make_dataset(data, seed)
     train = EventFolder(data, "train", transform=pipeline(augmented=True))
     test = EventFolder(data, "test", transform=pipeline(augmented=False))

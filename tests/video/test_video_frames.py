@@ -154,7 +154,7 @@ def test_a_camera_s_frames_have_the_times_at_which_they_came(monkeypatch):
     found = list(frames_of(1))
     assert [frame.time for frame in found] == [0, 1_000, 40_000]
     assert [int(frame.pixels[0, 0, 0]) for frame in found] == [2, 1, 0]
-    with pytest.raises(FileNotFoundError, match="no camera 2"):
+    with pytest.raises(FileNotFoundError, match="no camera with the number 2"):
         next(frames_of(2))
 
 
