@@ -117,7 +117,7 @@ class _Index:
         self.known: dict[str, Any] = self._read()
 
     def places(self, sample: Sample) -> Places:
-        """Return the places of a sample."""
+        """Return the places at which the windows of a sample begin, and the end of the last window."""
         key = sample.name + sample.part
         stamp = list(self.dataset.source.stamp(sample.name))
         entry = self.known.get(key)

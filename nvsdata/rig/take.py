@@ -31,7 +31,7 @@ from nvsdata.rig.sync import ScreenRecording, TakeRejected, synced
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
 FULL = 10e6  # events/s above which the readout counts as full in a bin
-MOST_FULL = 0.01  # share of full bins
+MOST_FULL = 0.01  # fraction of full bins
 # ms for which a screen may show a wrong frame, and the same as a fraction of a longer video
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 # faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`

@@ -141,7 +141,7 @@ def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
     except (OSError, ValueError) as error:
         return str(error)
     if len(events) != line["events"]:
-        return f"{video.target}: holds {len(events)} events, not the {line['events']} that were recorded"
+        return f"{video.target}: contains {len(events)} events, not the {line['events']} that were recorded"
     if len(events) and not (events.t[0] >= 0 and events.t[-1] < line["duration"]):
         return f"{video.target}: has times outside the video's {line['duration']} µs"
     if "recording_sha256" in line and sha256(video.target) != line["recording_sha256"]:
