@@ -12,9 +12,10 @@ from nvsdata.batch.manifest import NAME, as_before
 from nvsdata.common.files import Journal
 from nvsdata.common.locks import locked
 from nvsdata.common.progress import bar
-from nvsdata.rig.batch import DONE, KIND, PLAYED
+from nvsdata.rig.batch import DONE, KIND
 from nvsdata.rig.report import REPORT, write_report
 from nvsdata.rig.status import RECENT, STATUS, Status
+from nvsdata.rig.take import PLAYED
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import json
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -25,7 +26,9 @@ from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig import batch, take
+from nvsdata.rig.cameras import Rig
 from nvsdata.rig.monitor import Monitor
+from nvsdata.rig.sync import ScreenRecording
 
 TIMES_BEGIN = 2  # of a camera's clock per take: when the stream starts, and at the reset
 
@@ -75,25 +78,26 @@ def measured(place: Path, simulation: Simulation) -> dict[str, float]:
             super()._begin()
             began.append(self._began or 0)
 
-    def trim(one: take.Take, target: Path) -> dict[str, object]:
-        told = take.trim(one, target)
+    cut = take.trim
+
+    def trim(one: ScreenRecording, *how: Any) -> dict[str, Any]:
+        fields = cut(one, *how)
         line = take.synced(one).line
         true = (one.performance.start - began[-1]) * (1 + simulation.drift * 1e-6)
         starts.append(line.camera(one.performance.start) - true)
         drifts.append(line.drift * 1e6 - simulation.drift)
-        return told
+        return fields
 
-    batch.trim = trim
+    take.trim = trim
     backend, look = simulation.watched(Known)
     videos = videos_in(place / "in", place / "out")
     began_at = time.perf_counter()
     with (
         Monitor(window=(640, 480), look=look) as monitor,
-        batch.manifest_of(place / "out", CameraSettings(), "hdf5", monitor, resume=False) as manifest,
     ):
-        result = batch.record_videos(
-            videos, place / "out", manifest, lambda: Davis.find(backend=backend), monitor, CameraSettings()
-        )
+        rig = Rig(lambda: Davis.find(backend=backend), monitor, CameraSettings())
+        with batch.manifest_of(place / "out", videos, rig, batch.BatchOptions()) as manifest:
+            result = batch.record_videos(videos, manifest, rig, batch.BatchOptions())
     spent = time.perf_counter() - began_at
     return {
         "videos": len(videos),

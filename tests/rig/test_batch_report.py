@@ -12,7 +12,7 @@ from nvsdata.batch.folder import Video
 from nvsdata.plots import charts
 from nvsdata.recording.capture import RESERVE
 from nvsdata.rig import report
-from nvsdata.rig.session import estimate_recording
+from nvsdata.rig.batch import estimate_recording
 
 
 def line(name, status="recorded", **more):
