@@ -21,7 +21,7 @@ from nvsdata.batch.run import FolderReport, FolderRun, catch_failure
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import claimed
 from nvsdata.common.progress import say_above_bar
-from nvsdata.common.terminal import remark
+from nvsdata.common.terminal import is_quiet
 from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.capture import RESERVE
 from nvsdata.rig.calibration import corners_in
@@ -116,29 +116,32 @@ def record_videos(videos: list[Video], manifest: Manifest, rig: Rig, options: Ba
     Raises CameraError if there is no camera at the start, OSError if nothing can be written or the disk is too small,
     `BatchStopped` if nothing could be recorded for hours.
     """
-    videos = manifest.as_before(videos)
-    with ended_status(_status_before(videos, manifest)) as status:
-        _check_disk(videos, manifest, rig, until_full=options.until_full)
-        return _record(videos, manifest, rig, options, status)
+    left = "--resume continues with the others"
+    with (
+        FolderRun(manifest, manifest.as_before(videos), DONE, "recording", resume=left) as run,
+        ended_status(_status_of(run)) as status,
+    ):
+        _check_disk(run, rig, until_full=options.until_full)
+        _record(run, rig, options, status)
+    return run.report
 
 
-def _record(videos: list[Video], manifest: Manifest, rig: Rig, options: BatchOptions, status: Status) -> FolderReport:
+def _record(run: FolderRun, rig: Rig, options: BatchOptions, status: Status) -> None:
     """Play and record the videos, see `record_videos`, and keep the status up to date."""
-    out = manifest.path.parent
+    lines, out = run.manifest.videos, run.manifest.path.parent
     takes: Counter[str] = Counter()
-    known = [line["content"] for line in manifest.videos.values() if line["status"] in DONE and "content" in line]
+    known = [line["content"] for line in lines.values() if line["status"] in DONE and "content" in line]
     corners = None if options.calibration is None else corners_in(options.calibration)
     inspector = Inspector(rig.monitor, corners, known, options.strict, options.accept_quiet)
     with (
         Cameras(rig) as cameras,
-        Sheets(out, videos, manifest) as sheets,
-        FolderRun(manifest, videos, DONE, "recording", resume="--resume continues with the others") as run,
+        Sheets(out, run.videos, run.manifest) as sheets,
         _shown(run, status) as show,
     ):
         recorder = VideoRecorder(out, rig, inspector, options.live, show)
 
         def probe() -> bool:
-            return recorder.probe(cameras.get(), videos, manifest)
+            return recorder.probe(cameras.get(), run.videos, lines)
 
         watch = Watch(status, options.on_alarm, cameras.drop, rig.monitor.wait, probe)
         cameras.watched_by(watch, status)
@@ -186,7 +189,6 @@ def _record(videos: list[Video], manifest: Manifest, rig: Rig, options: BatchOpt
                 status.success(video.name, done=status.done + 1, **now)
             show("drawing contact sheets")
             sheets.add(video)
-    return run.report
 
 
 def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> Estimate:
@@ -207,21 +209,20 @@ def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]],
     return Estimate.on_disk(out, len(videos), seconds, round(each * len(videos) * rate), reserve=RESERVE)
 
 
-def _check_disk(videos: list[Video], manifest: Manifest, rig: Rig, *, until_full: bool) -> None:
+def _check_disk(run: FolderRun, rig: Rig, *, until_full: bool) -> None:
     """Print the time and disk that the videos need; OSError if the disk is too small, unless `until_full`."""
-    left = [video for video in videos if not manifest.has(video, DONE)]
-    lines = list(manifest.videos.values())
-    expected = estimate_recording(left, lines, manifest.path.parent, rig.monitor.refresh)
-    remark(str(expected))
+    lines = list(run.manifest.videos.values())
+    expected = estimate_recording(run.waiting, lines, run.manifest.path.parent, rig.monitor.refresh)
+    if not is_quiet():
+        say_above_bar(str(expected))
     if expected.short and not until_full:
         raise OSError(f"{expected}: free some, choose another disk, or record until it is full by --until-full")
 
 
-def _status_before(videos: list[Video], manifest: Manifest) -> Status:
+def _status_of(run: FolderRun) -> Status:
     """Return the status of a batch at the begin of a run, with its earlier recordings."""
-    done = [video for video in videos if manifest.has(video, DONE)]
-    look = sum("look" in manifest.videos[video.name] for video in done)
-    return Status(manifest.path.parent, len(videos), done=len(done), look=look)
+    look = sum("look" in run.manifest.videos[video.name] for video in run.kept)
+    return Status(run.manifest.path.parent, len(run.videos), done=len(run.kept), look=look)
 
 
 @contextmanager

@@ -13,7 +13,6 @@ import numpy as np
 
 from nvsdata import formats
 from nvsdata.batch.folder import Video, is_fatal, sha256
-from nvsdata.batch.manifest import Manifest
 from nvsdata.common.files import append_own, json_line, remove_link, write_all
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import MICROSECONDS
@@ -98,9 +97,8 @@ class VideoRecorder:
             line |= {"status": "truncated", "reason": take.performance.truncated}
         return line
 
-    def probe(self, camera: Camera, videos: list[Video], manifest: Manifest) -> bool:
+    def probe(self, camera: Camera, videos: list[Video], lines: dict[str, dict[str, Any]]) -> bool:
         """Record the shortest video with an unflagged recording again; return True on success, False for none."""
-        lines = manifest.videos
         fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
         fine = [video for video in fine if "look" not in lines[video.name] and video.path.exists()]
         if not fine:
