@@ -33,7 +33,7 @@ p { color: #777; } nav a { margin-right: 12px; }
 """
 
 
-def page(lines: Sequence[Line]) -> str:
+def results_page(lines: Sequence[Line]) -> str:
     """An HTML page: per task the curves of its works, then their tables.
 
     Settings that trade time for accuracy: error to the right, time upward, the front of what nothing surpasses as a

@@ -77,7 +77,7 @@ class Worker:
         self._process.join()
 
 
-def measured(
+def measure_task(
     task: str, options: Options, *, peers: bool = False, wanted: Callable[[Case], bool] = lambda case: True
 ) -> Iterator[Line | LeftOut]:
     """Lines of a task, and what was left out.

@@ -9,8 +9,8 @@ from pathlib import Path
 from nvsdata.benchmarks import inputs
 from nvsdata.benchmarks.case import Options
 from nvsdata.benchmarks.line import OURS, Line, read_lines, write_lines
-from nvsdata.benchmarks.page import page
-from nvsdata.benchmarks.runner import LeftOut, measured
+from nvsdata.benchmarks.page import results_page
+from nvsdata.benchmarks.runner import LeftOut, measure_task
 from nvsdata.benchmarks.table import comparison, work_table
 from nvsdata.benchmarks.tasks import TASKS
 from nvsdata.commands.options import path
@@ -70,7 +70,7 @@ def _measure(names: list[str], options: Options, args: argparse.Namespace) -> tu
     failed = False
     for name in names:
         group: list[Line] = []
-        for found in measured(name, options, peers=args.peers, wanted=lambda case: args.only in case.work):
+        for found in measure_task(name, options, peers=args.peers, wanted=lambda case: args.only in case.work):
             if isinstance(found, LeftOut):
                 failed |= found.failed and found.case.library == OURS
                 say(f"{found.case.task}: {found.case.work}: {found.case.library} is left out: {shown(found.reason)}")
@@ -86,5 +86,5 @@ def _measure(names: list[str], options: Options, args: argparse.Namespace) -> tu
         if args.json and lines:
             write_lines(lines, args.json)
         if args.html and lines:
-            put(args.html, page(lines).encode(), through_link=True)
+            put(args.html, results_page(lines).encode(), through_link=True)
     return lines, failed

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the table: with --check, 1 if an address doesn't lead to its file."""
     if args.check:
         return _check(as_json=args.json)
-    facts = facts_of(args.root)
+    facts = dataset_facts(args.root)
     tell(table(facts), {"datasets": facts}, as_json=args.json)
     return 0
 
@@ -49,7 +49,7 @@ def _check(*, as_json: bool) -> int:
     return 1 if any(one.fault for one in found) else 0
 
 
-def facts_of(root: Path) -> list[dict[str, Any]]:
+def dataset_facts(root: Path) -> list[dict[str, Any]]:
     """Facts of every dataset, and where it is below `root` (None if it isn't there)."""
     # written beforehand, because importing the datasets imports torch, which takes a second
     more = "nvsdata.datasets" in sys.modules or entry_points(group="nvsdata.datasets")

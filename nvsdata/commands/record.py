@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
 
             decider = models.OnlineClassifier(models.load(args.model))
         how = {"live": args.live, "overwrite": args.overwrite, "decider": decider, "as_json": args.json}
-        return session.run(args.out, args.seconds, chosen, **how)
+        return session.run_recording(args.out, args.seconds, chosen, **how)
     region = args.screen_region and tuple(args.screen_region)
     screen = {"display": args.display, "region": region, "scaling": args.scaling}
     if mode == "calibrate":

@@ -54,7 +54,7 @@ class CameraChoice:
         return camera
 
 
-def run(
+def run_recording(
     out: Path | None,
     seconds: float | None,
     chosen: CameraChoice,

@@ -20,9 +20,9 @@ from nvsdata.rig.calibrate import calibrate
 from nvsdata.rig.calibration import FIGURES, calibration_summary, write_calibration
 from nvsdata.rig.cameras import Rig
 from nvsdata.rig.monitor import Monitor
-from nvsdata.rig.report import REPORT, write_report
+from nvsdata.rig.report import REPORT, write_batch_report
 from nvsdata.rig.status import STATUS, status_of
-from nvsdata.rig.verification import format_of, verify
+from nvsdata.rig.verification import recorded_format, verify
 from nvsdata.rig.watch import BatchStopped
 
 GAVE_UP = 3  # exit code
@@ -57,7 +57,7 @@ def run_calibration(
 
 def run_verification(source: Path, out: Path, limit: int | None = None, *, as_json: bool = False) -> int:
     """Compare the recordings of a batch with its manifest, and record nothing; return 0 if all are sound, else 1."""
-    found = verify(videos_in(source, out, format_of(out)), out, limit)
+    found = verify(videos_in(source, out, recorded_format(out)), out, limit)
     tell("\n".join(map(shown, found.messages())), {"sound": found.sound} | asdict(found), as_json=as_json)
     return 0 if found.well else 1
 
@@ -85,7 +85,7 @@ def run_batch(
             finally:
                 # an error that ended the batch must not be hidden by one of the report
                 with suppress(OSError):
-                    write_report(list(manifest.videos.values()), manifest.head, out)
+                    write_batch_report(list(manifest.videos.values()), manifest.head, out)
     for message in result.messages():
         print(message, file=sys.stderr)
     flagged = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}

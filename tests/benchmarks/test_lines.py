@@ -8,7 +8,7 @@ import pytest
 
 from nvsdata.benchmarks import table
 from nvsdata.benchmarks.line import Line, read_lines, write_lines
-from nvsdata.benchmarks.page import page
+from nvsdata.benchmarks.page import results_page
 
 LINES = [
     Line("graph", "windows", "nvsdata", "0.1", 0.002, 0.003, 0.004, 9, {"k": 1}, {"events": 7}, "k", True, 0.0, "e"),
@@ -77,7 +77,7 @@ def test_a_comparison_marks_what_changed_and_leaves_out_what_is_new():
 
 
 def test_a_page_has_a_curve_per_work_and_its_table_and_needs_no_other_file():
-    text = page([*LINES, *grown([1e-3, 1e-2, 1, 100])])
+    text = results_page([*LINES, *grown([1e-3, 1e-2, 1, 100])])
     assert text.count("<svg") == 2
     assert text.count("<pre>") == 2
     assert "the default is on the front" in text
@@ -91,14 +91,14 @@ def test_a_page_says_if_a_default_is_surpassed():
         LINES[1],
         replace(LINES[2], library="nvsdata", settings={"k": 3}),
     ]
-    assert "the default is not on the front" in page(worse)
+    assert "the default is not on the front" in results_page(worse)
 
 
 def test_a_chart_of_several_libraries_names_them():
     one, other = grown([1e-3, 1e-2]), [replace(line, library="peer") for line in grown([2e-3, 2e-2])]
-    assert ">peer<" in page([*one, *other]).split("<pre>")[0]
-    assert ">nvsdata<" not in page(one).split("<pre>")[0]
+    assert ">peer<" in results_page([*one, *other]).split("<pre>")[0]
+    assert ">nvsdata<" not in results_page(one).split("<pre>")[0]
 
 
 def test_names_are_escaped():
-    assert "<b>" not in page([replace(LINES[0], work="<b>", machine="<b>")])
+    assert "<b>" not in results_page([replace(LINES[0], work="<b>", machine="<b>")])

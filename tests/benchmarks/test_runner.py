@@ -57,7 +57,7 @@ def given(monkeypatch, tmp_path):
     def measured(cases, **options):
         for module in (tasks, runner):
             monkeypatch.setattr(module, "cases_of", lambda task, options: cases)
-        return list(runner.measured("decode", Options(tmp_path, quick=True), **options))
+        return list(runner.measure_task("decode", Options(tmp_path, quick=True), **options))
 
     return measured
 

@@ -15,7 +15,7 @@ import nvsdata
 from nvsdata import Events, cli
 from nvsdata.batch.run import FolderReport
 from nvsdata.cli import main
-from nvsdata.commands.view import save
+from nvsdata.commands.view import save_view
 from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
@@ -92,7 +92,12 @@ def session(monkeypatch):
     from nvsdata.rig import session as rig
 
     asked = []
-    for module, name in ((session, "run"), (rig, "run_calibration"), (rig, "run_batch"), (rig, "run_verification")):
+    for module, name in (
+        (session, "run_recording"),
+        (rig, "run_calibration"),
+        (rig, "run_batch"),
+        (rig, "run_verification"),
+    ):
         monkeypatch.setattr(module, name, lambda *args, name=name, **more: asked.append((name, args, more)) or 5)
     return asked
 
@@ -101,7 +106,7 @@ def session(monkeypatch):
 def test_one_recording_is_asked_for(words, session):
     assert main(["record", *words]) == 5
     ((name, (out, seconds, chosen), how),) = session
-    assert (name, chosen.serial, chosen.simulate, chosen.note) == ("run", None, None, None)
+    assert (name, chosen.serial, chosen.simulate, chosen.note) == ("run_recording", None, None, None)
     assert out == (Path("a.h5") if "--out" in words else None)
     assert seconds == (2 if "--seconds" in words else None)
     assert how == {"live": "--live" in words, "overwrite": "--overwrite" in words} | {
@@ -160,16 +165,16 @@ def test_a_page_has_the_frames_up_to_its_last_event(tmp_path, monkeypatch):
         return "<p>"
 
     monkeypatch.setattr("nvsdata.plots.page.player_page", page)
-    save(tmp_path / "b.HTML", "a", nvsdata.open(tmp_path / "a.h5"), events, Film(), 7)
+    save_view(tmp_path / "b.HTML", "a", nvsdata.open(tmp_path / "a.h5"), events, Film(), 7)
     nvsdata.write(events, tmp_path / "c.h5")
-    save(tmp_path / "d.html", "c", nvsdata.open(tmp_path / "c.h5"), events, Film(), None)
+    save_view(tmp_path / "d.html", "c", nvsdata.open(tmp_path / "c.h5"), events, Film(), None)
     assert drawn == [("a", [5, 9], 7), ("c", [], None)]
     assert (tmp_path / "b.HTML").read_text() == "<p>"
 
 
 def test_view_takes_what_it_is_told(tmp_path, monkeypatch, capsys):
     films = []
-    monkeypatch.setattr("nvsdata.commands.view.save", lambda *args: films.append(args))
+    monkeypatch.setattr("nvsdata.commands.view.save_view", lambda *args: films.append(args))
     nvsdata.write(Events(range(1_200), [0] * 1_200, [0] * 1_200, [0] * 1_200, (4, 4)), tmp_path / "a.h5")
     monkeypatch.chdir(tmp_path)
     assert main(["view", "a.h5"]) == 0

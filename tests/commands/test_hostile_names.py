@@ -17,7 +17,7 @@ import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata.batch import run
 from nvsdata.benchmarks.line import Line
-from nvsdata.benchmarks.page import page as bench_page
+from nvsdata.benchmarks.page import results_page
 from nvsdata.cli import COMMANDS, main
 from nvsdata.common import locks, progress
 from nvsdata.common.errors import DownloadError, message_of, shown
@@ -27,7 +27,7 @@ from nvsdata.datasets.cache.cached import TAG as CACHE_CONTENT
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.plots.gallery import ClassSummary, gallery
 from nvsdata.plots.page import player_page as view_page
-from nvsdata.rig.report import page as report_page
+from nvsdata.rig.report import report_page
 from nvsdata.training import runs as recipes
 
 # a title, a line of its own, a line that overwrites, C1, right to left, a byte that isn't UTF-8, a tag, an attribute
@@ -176,9 +176,9 @@ def test_every_page_shows_names_as_text(root):
     harmless(gallery(TAG, [shelf, shelf], [TAG]))
     harmless(EventFolder(root)._repr_html_())
     line = Line(TAG, TAG, TAG, TAG, 1.0, 1.0, 1.0, 1, {TAG: TAG}, {TAG: 3}, TAG, error_kind=TAG, machine=TAG, date=TAG)
-    harmless(bench_page([line]))
+    harmless(results_page([line]))
     grown = [Line(TAG, "work", "nvsdata", "", n, n, n, 1, size={TAG: n}, axis=TAG) for n in (1, 2, 4)]
-    harmless(bench_page(grown))
+    harmless(results_page(grown))
     recorded = {"video": TAG, "status": TAG, "reason": TAG, "look": [TAG]}
     harmless(report_page([recorded], {}, TAG, TAG))
 

@@ -162,7 +162,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
     head = json.loads((tmp_path / "out/manifest.jsonl").read_text().splitlines()[0])
     (tmp_path / "out/manifest.jsonl").write_text(json.dumps({"nvsdata-videos": 1} | head).replace(batch.KIND, "x"))
     with pytest.raises(ValueError, match="is not a manifest of nvsdata-recordings"):
-        verification.format_of(tmp_path / "out")
+        verification.recorded_format(tmp_path / "out")
 
 
 def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypatch):
