@@ -63,7 +63,7 @@ def flashes(length: int = 31) -> np.ndarray:
     return np.resize(np.array(bits, np.uint8), length)
 
 
-def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
+def fit_clock(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
     """Match the flashes of a screen with the events or triggers that they caused, and fit camera time to host time.
 
     The flashes may be several groups, such as before and after a video; events in between may be left out. A flash

@@ -37,7 +37,7 @@ def clock_at(time: int, record: int) -> np.ndarray:
     return np.array((time, time, 0, 0, record, NONE, NONE, 0), np.int64)
 
 
-def nearest(raw: int, last: int, bits: int) -> int:
+def nearest_time(raw: int, last: int, bits: int) -> int:
     """Return the time nearest to `last` that a counter of `bits` bits shows as `raw`."""
     time: int = _native.nearest(raw, last, _checked(bits))
     return time
