@@ -102,7 +102,7 @@ class Samples(Dataset[tuple[Any, Any]]):
             ValueError: unless 0 < fraction < 1.
         """
         if not 0 < fraction < 1:
-            raise ValueError(f"fraction must lie between 0 and 1, not {fraction}")
+            raise ValueError(f"fraction must be between 0 and 1, not {fraction}")
         return self._halves(lambda files: stratified(files, 1 - fraction, seed))
 
     def hold_out(self, fraction: float) -> tuple[Self, Self]:
@@ -242,7 +242,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         return label if self.target_transform is None else self.target_transform(label)
 
     def note_repairs(self, index: int, recordings: Sequence[Recording]) -> bool:
-        """Return whether the recordings, after reading, report repairs; then count the sample as damaged."""
+        """Count the sample as damaged if its recordings were repaired during reading; return whether they were."""
         repaired = any(recording.repairs for recording in recordings)
         if self._damage is not None and repaired:
             self._damage.mark(index, REPAIRED, f"{self._files(self.samples[index])[0]}: {_repairs(recordings)}")

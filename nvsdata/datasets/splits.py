@@ -33,7 +33,7 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
         (8, 2)
     """
     if not 0 < test < 1:
-        raise ValueError(f"test must lie between 0 and 1, not {test}")
+        raise ValueError(f"test must be between 0 and 1, not {test}")
     classes: dict[str, list[int]] = {}
     for index, (group, _) in enumerate(recordings):
         classes.setdefault(group, []).append(index)
@@ -70,7 +70,7 @@ def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> tuple[li
         (898, 102)
     """
     if not 0 < fraction < 1:
-        raise ValueError(f"the fraction for validation must lie between 0 and 1, not {fraction}")
+        raise ValueError(f"the fraction for validation must be between 0 and 1, not {fraction}")
     parts: tuple[list[int], list[int]] = [], []
     for index, (group, name) in enumerate(recordings):
         begun = blake2b(f"{group}\0".encode("utf-8", "surrogatepass"), digest_size=8)

@@ -323,7 +323,7 @@ def _outcomes(right: npt.ArrayLike) -> np.ndarray:
 
 def _quantile(level: float) -> float:
     if not 0 < level < 1:
-        raise ValueError(f"level must lie between 0 and 1, not {level}")
+        raise ValueError(f"level must be between 0 and 1, not {level}")
     return float(special.ndtri((1 + level) / 2))
 
 

@@ -66,7 +66,7 @@ def write_report(
         else:
             plots.save_png(picture, trainer.out / name)
     count = sum(p is not None for p in pictures.values())
-    trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} pictures")
+    trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} plots")
 
 
 def _run(trainer: Trainer) -> dict[str, Any]:

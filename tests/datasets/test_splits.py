@@ -83,7 +83,7 @@ def test_a_class_without_recordings_in_a_part_is_named():
     with pytest.raises(ValueError, match=r"a validation fraction of 0\.999 leaves no recordings of cat for training"):
         held_out([("cat", str(i)) for i in range(9)], 0.999)
     for fraction in (0.0, 1.0, -1, 2, float("nan")):
-        with pytest.raises(ValueError, match="must lie between 0 and 1"):
+        with pytest.raises(ValueError, match="must be between 0 and 1"):
             held_out([("cat", "1")], fraction)
 
 

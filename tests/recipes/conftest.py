@@ -1,5 +1,7 @@
 """Whatever a recipe tests a network on, nothing random is done to it."""
 
+import shutil
+
 import pytest
 from pipelines import changes, transforms_of
 
@@ -21,3 +23,12 @@ def tested_on(monkeypatch):
     monkeypatch.setattr(evaluation, "predict", predict)
     monkeypatch.setattr(lengths, "predict", predict)
     return seen
+
+
+@pytest.fixture
+def many(fake_nmnist):
+    """N-MNIST's layout with enough recordings of each digit to hold some out."""
+    for path in list((fake_nmnist / "Train").glob("*/00001.bin")):
+        for number in range(10, 22):
+            shutil.copy(path, path.with_name(f"{number:05}.bin"))
+    return fake_nmnist

@@ -71,7 +71,7 @@ PICTURES = {"confusion.png", "classes.png", "calibration.png", "votes.png", "len
 def test_a_training_ends_with_a_report(run, fake_nmnist, tmp_path):
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path, "--epochs", 1, "--votes", 3)
     common = (*common, "--device", "cpu")
-    assert "6 pictures" in run("train_objects.py", *common)
+    assert "6 plots" in run("train_objects.py", *common)
     found = report(tmp_path)
     assert (found["recordings"], found["windows"], found["rounds"]) == (20, 3, 5)
     assert found["accuracy"]["vote"][0] == models.load(tmp_path / "model.safetensors").metrics["test_accuracy_votes"]
@@ -94,15 +94,6 @@ def test_a_training_ends_with_a_report(run, fake_nmnist, tmp_path):
     run("train_objects.py", *common, "--resume", "--votes", 1)
     assert {path.name for path in tmp_path.glob("*.png")} == PICTURES - {"votes.png"}
     assert report(tmp_path)["windows"] == 1
-
-
-@pytest.fixture
-def many(fake_nmnist):
-    """N-MNIST's layout with enough recordings of each digit to hold some out."""
-    for path in list((fake_nmnist / "Train").glob("*/00001.bin")):
-        for number in range(10, 16):
-            shutil.copy(path, path.with_name(f"{number:05}.bin"))
-    return fake_nmnist
 
 
 class Untouchable(nvsdata.NMNIST):

@@ -197,7 +197,7 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     assert told_in["data"] == {"seed": 3}
     assert (told_in["run"]["epoch"], told_in["run"]["epoch_chosen_by"]) == (2, "validation accuracy")
     assert told_in["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by"}
-    assert told == f"report: {tmp_path / 'report.json'}, and 6 pictures\n"
+    assert told == f"report: {tmp_path / 'report.json'}, and 6 plots\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]
     assert (counts.sum(), names, title) == (100, CLASSES, "vote of 3, 50 recordings, 2 votes each")
@@ -227,7 +227,7 @@ def test_pictures_of_nothing_are_removed(tmp_path, monkeypatch, capsys, drawn):
         (tmp_path / name).write_bytes(b"old")
     votes = votes_of([[[[0.8, 0.1, 0.1]] * 4]], [0] * 4)
     told, window = written(tmp_path, monkeypatch, capsys, votes, {})
-    assert "and 3 pictures" in told
+    assert "and 3 plots" in told
     # as long as a picture of a camera takes
     assert window == T.RandomWindow(33_333)
     assert {path.name for path in tmp_path.glob("*.png")} == {"confusion.png", "classes.png", "calibration.png"}
