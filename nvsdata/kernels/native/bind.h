@@ -24,98 +24,139 @@ namespace nvsdata {
 
 namespace nb = nanobind;
 
+// An array of Python, by its buffer protocol, until the call ends.
+class View {
+public:
+    View() = default;
+    View(const View&) = delete;
+    View& operator=(const View&) = delete;
+    ~View() { PyBuffer_Release(&view_); }
+
+    i64 shape(int axis) const { return i64(view_.shape[axis]); }
+    i64 stride(int axis) const { return i64(view_.strides[axis]); }  // bytes
+    i64 size() const { return i64(view_.len / view_.itemsize); }
+    void* data() const { return view_.buf; }
+
+    template <class T>
+    bool is_of() const {
+        const char* kinds = std::is_same_v<T, bool>       ? "?"
+                            : std::is_floating_point_v<T> ? "fd"
+                            : std::is_signed_v<T>         ? "bhilq"
+                                                          : "BHILQ";
+        const char* format = view_.format;
+        // the machine's byte order; sizes are compared, because some types have several characters
+        if (*format == '@' || *format == '=') ++format;
+        return *format && !format[1] && std::strchr(kinds, *format) && view_.itemsize == sizeof(T);
+    }
+
+protected:
+    bool get(PyObject* object, int dimensions, int flags) noexcept {
+        if (PyObject_GetBuffer(object, &view_, PyBUF_FORMAT | flags) == 0) return view_.ndim == dimensions;
+        PyErr_Clear();
+        return false;
+    }
+
+private:
+    Py_buffer view_{};
+};
+
+// An array of T; if T is const, it is only read, and may be strided or misaligned unless `contiguous`.
+template <class T, int dimensions, bool contiguous = !std::is_const_v<T>>
+class Buffer : public View {
+public:
+    using Value = std::remove_const_t<T>;
+    // how errors name it
+    using Named =
+        std::conditional_t<contiguous, nb::ndarray<T, nb::ndim<dimensions>, nb::c_contig, nb::device::cpu>,
+                           nb::ndarray<T, nb::ndim<dimensions>, nb::device::cpu>>;
+    static constexpr auto Name = nb::detail::make_caster<Named>::Name;
+
+    bool take(PyObject* object) noexcept {
+        constexpr int access = std::is_const_v<T> ? 0 : PyBUF_WRITABLE;
+        return get(object, dimensions, access | (contiguous ? PyBUF_C_CONTIGUOUS : PyBUF_STRIDES)) && is_of<Value>();
+    }
+    T* values() {
+        if constexpr (!contiguous)
+            if (!is_dense()) return copied();
+        return static_cast<T*>(data());
+    }
+
+private:
+    std::unique_ptr<Value[]> copy_;
+
+    bool is_dense() const {
+        bool dense = reinterpret_cast<std::uintptr_t>(data()) % alignof(T) == 0;
+        i64 step = sizeof(T);
+        for (int axis = dimensions - 1; axis >= 0; step *= shape(axis--))
+            dense = dense && (stride(axis) == step || shape(axis) <= 1);
+        return dense || size() == 0;
+    }
+
+    T* copied() {
+        static_assert(dimensions <= 2);
+        copy_.reset(new Value[std::size_t(size())]);
+        i64 columns = dimensions == 2 ? shape(dimensions - 1) : 1;
+        for (i64 n = 0; n < size(); ++n) {
+            i64 at = n / columns * stride(0) + n % columns * stride(dimensions - 1);
+            std::memcpy(&copy_[std::size_t(n)], static_cast<const char*>(data()) + at, sizeof(T));
+        }
+        return copy_.get();
+    }
+};
+
+// A contiguous array of one of several types that is read.
+template <class... T>
+class OneOf : public View {
+public:
+    static constexpr auto Name = nb::detail::const_name("ndarray[dtype=") +
+                                 nb::detail::concat(nb::detail::dtype_name<T>::name...) +
+                                 nb::detail::const_name(", shape=(*), order='C', device='cpu', writable=False]");
+
+    bool take(PyObject* object) noexcept { return get(object, 1, PyBUF_C_CONTIGUOUS) && (is_of<T>() || ...); }
+};
+
 template <class T>
 struct Argument {
     using Python = T;
     static T of(T value) { return value; }
 };
 
-// Arrays that are written.
 template <class T>
 struct Argument<Span<T>> {
-    using Python = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-    static Span<T> of(const Python& array) { return {array.data(), i64(array.shape(0))}; }
+    using Python = Buffer<T, 1>&;
+    static Span<T> of(Python array) { return {array.values(), array.shape(0)}; }
 };
 
 template <class T>
 struct Argument<Rows<T>> {
-    using Python = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-    static Rows<T> of(const Python& array) { return {array.data(), i64(array.shape(0)), i64(array.shape(1))}; }
+    using Python = Buffer<T, 2>&;
+    static Rows<T> of(Python array) { return {array.values(), array.shape(0), array.shape(1)}; }
 };
 
 // Of any number of dimensions: contiguous even if it is only read.
 template <class T, int n>
 struct Argument<Array<T, n>> {
-    using Python = nb::ndarray<T, nb::ndim<n>, nb::c_contig, nb::device::cpu>;
-    static Array<T, n> of(const Python& array) {
-        Array<T, n> found{{array.data(), i64(array.size())}, {}};
-        for (int axis = 0; axis < n; ++axis) found.shape[axis] = i64(array.shape(axis));
+    using Python = Buffer<T, n, true>&;
+    static Array<T, n> of(Python array) {
+        Array<T, n> found{{array.values(), array.size()}, {}};
+        for (int axis = 0; axis < n; ++axis) found.shape[axis] = array.shape(axis);
         return found;
     }
 };
 
-// Arrays that are read: a view or, of a strided array, a copy that lives as long as the call.
-template <class T, int dimensions>
-class Read {
-public:
-    using Python = nb::ndarray<const T, nb::ndim<dimensions>, nb::device::cpu>;
-
-    explicit Read(const Python& array) : data_(array.data()), rows_(i64(array.shape(0))) {
-        if constexpr (dimensions == 2) columns_ = i64(array.shape(1));
-        bool contiguous = array.stride(dimensions - 1) == 1 || columns_ * (dimensions == 1 ? rows_ : 1) <= 1;
-        if constexpr (dimensions == 2) contiguous = contiguous && (array.stride(0) == columns_ || rows_ <= 1);
-        bool aligned = reinterpret_cast<std::uintptr_t>(data_) % alignof(T) == 0;
-        if (contiguous && aligned) return;
-        copy_.reset(new T[std::size_t(rows_ * columns_)]);
-        T* out = copy_.get();
-        i64 across = dimensions == 2 ? array.stride(dimensions - 1) : 0;
-        for (i64 row = 0; row < rows_; ++row)
-            for (i64 column = 0; column < columns_; ++column)
-                std::memcpy(out++, data_ + row * array.stride(0) + column * across, sizeof(T));
-        data_ = copy_.get();
-    }
-    operator Span<const T>() const { return {data_, rows_}; }
-    operator Rows<const T>() const { return {data_, rows_, columns_}; }
-
-private:
-    const T* data_;
-    i64 rows_, columns_ = 1;
-    std::unique_ptr<T[]> copy_;
-};
-
-template <class T>
-struct Argument<Span<const T>> {
-    using Python = typename Read<T, 1>::Python;
-    static Read<T, 1> of(const Python& array) { return Read<T, 1>(array); }
-};
-
-template <class T>
-struct Argument<Rows<const T>> {
-    using Python = typename Read<T, 2>::Python;
-    static Read<T, 2> of(const Python& array) { return Read<T, 2>(array); }
-};
-
-// An array of one of several types that is read.
-template <class... T>
-struct OneOf {
-    using Array = nb::ndarray<nb::ro, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-    Array array;
-};
-
 template <class... T>
 struct Argument<std::variant<Span<const T>...>> {
-    using Python = OneOf<T...>;
-    using View = std::variant<Span<const T>...>;
-    static View of(const Python& given) {
-        View view;
-        auto see = [&](auto type) {
-            using Value = decltype(type);
-            const auto& array = given.array;
-            if (array.dtype() == nb::dtype<Value>())
-                view = Span<const Value>(static_cast<const Value*>(array.data()), i64(array.shape(0)));
+    using Python = OneOf<T...>&;
+    using Spans = std::variant<Span<const T>...>;
+    static Spans of(Python array) {
+        Spans found;
+        auto see = [&](auto value) {
+            using Value = decltype(value);
+            if (array.template is_of<Value>())
+                found = Span<const Value>(static_cast<const Value*>(array.data()), array.shape(0));
         };
         (see(T()), ...);
-        return view;
+        return found;
     }
 };
 
@@ -197,16 +238,22 @@ private:
 
     template <class T>
     static bool takes(nb::handle object, Mismatch& found) {
-        using Python = typename Argument<T>::Python;
-        std::conditional_t<std::is_reference_v<T>, std::remove_reference_t<T>*, Python> value{};
-        if (!object.is_none() && nb::try_cast(object, value, std::is_arithmetic_v<T>)) {
+        using Plain = std::remove_reference_t<typename Argument<T>::Python>;
+        bool fits;
+        if constexpr (std::is_base_of_v<View, Plain>) {
+            fits = Plain().take(object.ptr());
+        } else {
+            std::conditional_t<std::is_reference_v<T>, Plain*, Plain> value{};
+            fits = !object.is_none() && nb::try_cast(object, value, std::is_arithmetic_v<T>);
+        }
+        if (fits) {
             ++found.place;
             return true;
         }
         if constexpr (std::is_reference_v<T>)
-            found.type = nb::str(nb::type<std::remove_reference_t<T>>().attr("__name__")).c_str();
+            found.type = nb::str(nb::type<Plain>().attr("__name__")).c_str();
         else
-            found.type = nb::detail::make_caster<Python>::Name.text;
+            found.type = nb::detail::make_caster<Plain>::Name.text;
         return false;
     }
 };
@@ -222,21 +269,25 @@ void define_refusals(nb::module_& module);
 
 }  // namespace nvsdata
 
-template <class... T>
-struct nanobind::detail::type_caster<nvsdata::OneOf<T...>> {
-    using Array = typename nvsdata::OneOf<T...>::Array;
-    NB_TYPE_CASTER(nvsdata::OneOf<T...>,
-                   const_name("ndarray[dtype=") + concat(dtype_name<T>::name...) +
-                       const_name(", shape=(*), order='C', device='cpu', writable=False]"))
+namespace nanobind::detail {
+
+template <class Array>
+struct ArrayCaster {
+    NB_TYPE_CASTER(Array, Array::Name)
 
     template <class Flags>
-    bool from_python(handle source, Flags flags, cleanup_list* cleanup) noexcept {
-        make_caster<Array> caster;
-        if (!caster.from_python(source, flags, cleanup)) return false;
-        value.array = std::move(caster.value);
-        return ((value.array.dtype() == nanobind::dtype<T>()) || ...);
+    bool from_python(handle source, Flags, cleanup_list*) noexcept {
+        return value.take(source.ptr());
     }
 };
+
+template <class T, int dimensions, bool contiguous>
+struct type_caster<nvsdata::Buffer<T, dimensions, contiguous>> : ArrayCaster<nvsdata::Buffer<T, dimensions, contiguous>> {};
+
+template <class... T>
+struct type_caster<nvsdata::OneOf<T...>> : ArrayCaster<nvsdata::OneOf<T...>> {};
+
+}  // namespace nanobind::detail
 
 // Refuses what isn't converted, so that other functions are tried with conversions first.
 template <>
