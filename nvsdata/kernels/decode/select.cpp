@@ -40,8 +40,7 @@ void copy_at(Span<const Index> index, Span<const i64> t, Span<const i16> x, Span
 
 void define_select(nb::module_& module) {
     define<copy_where>(module, "copy_where");
-    define<copy_at<i32>>(module, "copy_at");
-    define<copy_at<i64>>(module, "copy_at");
+    define<copy_at<i32>, copy_at<i64>>(module, "copy_at");
 }
 
 }  // namespace nvsdata

@@ -15,6 +15,7 @@
 namespace nvsdata {
 
 constexpr i64 OFTEN = 256;          // events between two polls for Ctrl-C
+constexpr i64 CHUNK = 4096;         // pairs that are near in time and space and tested together
 constexpr double ROUNDING = 1e-12;  // by how much more than a rounded bound is searched
 
 // Squared distance: alpha (dx² + dy²) + beta dt².
@@ -43,31 +44,39 @@ struct Candidate {
     }
 };
 
-// The k nearest of the candidates that are offered, in their order.
+// The k nearest of the candidates that are offered.
 class Nearest {
 public:
-    explicit Nearest(i64 k) : k_(std::size_t(k)) {}
-    void clear() { found_.clear(); }
-    bool full() const { return found_.size() == k_; }
-    const Candidate& worst() const { return found_.back(); }
+    explicit Nearest(i64 k) : found_(std::size_t(k)) {}
+    void clear() { count_ = 0; }
+    bool full() const { return count_ == found_.size(); }
+    const Candidate& worst() const { return found_[worst_]; }
     bool offer(const Candidate& candidate) {
         if (full()) {
             if (!(candidate < worst())) return false;
-            found_.pop_back();
+            found_[worst_] = candidate;
+        } else {
+            found_[count_++] = candidate;
         }
-        found_.insert(std::upper_bound(found_.begin(), found_.end(), candidate), candidate);
+        if (full()) find_worst();
         return true;
     }
     void list(const Sources& sources, i64 i) const {
         i32* out = sources.of(i);
-        for (std::size_t n = 0; n < found_.size(); ++n) out[n] = found_[n].event;
-        std::sort(out, out + found_.size());
-        sources.degree[i] = i32(found_.size());
+        for (std::size_t n = 0; n < count_; ++n) out[n] = found_[n].event;
+        std::sort(out, out + count_);
+        sources.degree[i] = i32(count_);
     }
 
 private:
-    std::size_t k_;
     Vector<Candidate> found_;
+    std::size_t count_ = 0, worst_ = 0;
+
+    void find_worst() {
+        worst_ = 0;
+        for (std::size_t n = 1; n < count_; ++n)
+            if (worst() < found_[n]) worst_ = n;
+    }
 };
 
 // Sets of events of two kinds, that come out in order.
@@ -290,22 +299,48 @@ private:
     }
 };
 
+// Pairs of events that are near in time.
+struct Pairs {
+    i64 all = 0, most = 0;  // the most earlier events of an event
+};
+
+// Those at most `reach` apart. O(N).
+Pairs pairs_in_time(Span<const i64> t, i64 reach) {
+    Pairs pairs;
+    i64 first = 0;
+    for (i64 i = 0; i < t.size(); ++i) {
+        while (minus(t[i], t[first]) > reach) ++first;
+        pairs.all += i - first;
+        pairs.most = std::max(pairs.most, i - first);
+    }
+    return pairs;
+}
+
+// Sort few values, most of them in order.
+void ascend(i32* values, i64 count) {
+    for (i64 n = 1; n < count; ++n) {
+        i32 value = values[n];
+        i64 at = n;
+        for (; at > 0 && values[at - 1] > value; --at) values[at] = values[at - 1];
+        values[at] = value;
+    }
+}
+
 // Pairs that are near in time, from each event backward; fills the lists of both events. O(N + pairs in time).
 template <class Coordinate>
 void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, const Metric& metric, i64 reach,
-           const Sources& sources, Interrupt& interrupt) {
-    std::size_t n = t.size();
-    i64 k = metric.k;
+           i64 most, const Sources& sources, Interrupt& interrupt) {
+    i64 n = t.size(), k = metric.k;
     double limit = metric.limit();
     auto distance = [&](i64 i, i64 j) {
-        double dx = i32(x[i]) - i32(x[j]), dy = i32(y[i]) - i32(y[j]), dt = double(minus(t[i], t[j]));
+        double dx = double(i64(x[i]) - x[j]), dy = double(i64(y[i]) - y[j]), dt = double(minus(t[i], t[j]));
         return metric.alpha * (dx * dx + dy * dy) + metric.beta * (dt * dt);
     };
     auto nearer = [&](i64 i, i64 j, i64 other) {
         return Candidate{distance(i, j), gap(t[j], t[i]), i32(j)} <
                Candidate{distance(i, other), gap(t[other], t[i]), i32(other)};
     };
-    Vector<i32> worst(n);
+    Vector<i32> worst(static_cast<std::size_t>(n));
     auto find_worst = [&](i64 i) {
         worst[i] = 0;
         for (i32 other = 1; other < k; ++other)
@@ -321,43 +356,47 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
             find_worst(i);
         }
     };
-    std::size_t first = 0;
-    double side = std::floor(std::sqrt(limit / metric.alpha)) + 1;
-    Vector<u32> place(n);
-    for (std::size_t i = 0; i < n; ++i) place[i] = u32(y[i]) << 16 | u32(x[i]);
+    // row and column in one number; a sum, because then differences are exact whatever the coordinates, modulo 2^32
+    Vector<u32> place(static_cast<std::size_t>(n));
+    for (i64 i = 0; i < n; ++i) place[i] = (u32(y[i]) << 16) + u32(x[i]);
     // both differences lie in 0..2 side, or in the next power of two, if no bit outside is set
+    double side = std::floor(std::sqrt(limit / metric.alpha)) + 1;
     u32 wide = 1;
     while (wide < u32(2 * side + 1)) wide *= 2;
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
-    Vector<i32> near(n + 1);
-    for (std::size_t i = 0; i < n; ++i) {
-        if (i % OFTEN == 0) interrupt.poll();
-        while (minus(t[i], t[first]) > reach) ++first;
-        u32 corner = place[i] - margin;
-        std::size_t found = 0;
-        // no branch, because which events are near is unpredictable
-        for (std::size_t j = first; j < i; ++j) {
-            near[found] = i32(j);
-            found += ((place[j] - corner) & outside) == 0;
+    Vector<i32> later(std::size_t(CHUNK + most + 1)), earlier(later.size());
+    for (i64 i = 0, first = 0; i < n;) {
+        i64 found = 0, kept = 0;
+        for (; i < n && found < CHUNK; ++i) {
+            if (i % OFTEN == 0) interrupt.poll();
+            while (minus(t[i], t[first]) > reach) ++first;
+            u32 corner = place[i] - margin;
+            // no branch, because which events are near is unpredictable
+            for (i64 j = first; j < i; ++j) {
+                later[found] = i32(i), earlier[found] = i32(j);
+                found += ((place[j] - corner) & outside) == 0;
+            }
         }
-        for (std::size_t q = 0; q < found; ++q) {
-            i64 j = near[q];
-            if (distance(i64(i), j) > limit) continue;
-            insert(i64(i), j);
-            insert(j, i64(i));
+        for (i64 q = 0; q < found; ++q) {
+            i32 target = later[q], source = earlier[q];
+            later[kept] = target, earlier[kept] = source;
+            kept += distance(target, source) <= limit;
+        }
+        for (i64 q = 0; q < kept; ++q) {
+            insert(later[q], earlier[q]);
+            insert(earlier[q], later[q]);
         }
     }
-    for (std::size_t i = 0; i < n; ++i) std::sort(sources.of(i64(i)), sources.of(i64(i)) + sources.degree[i]);
+    for (i64 i = 0; i < n; ++i) ascend(sources.of(i), sources.degree[i]);
 }
 
-// Number of pairs that are at most `reach` apart in time. O(N).
-i64 pairs_in_time(Span<const i64> t, i64 reach) {
-    i64 pairs = 0, first = 0;
-    for (i64 i = 0; i < i64(t.size()); ++i) {
-        while (minus(t[i], t[first]) > reach) ++first;
-        pairs += i - first;
+// Coordinates of 32 bits must not be further apart than sums of squares can say.
+template <class Coordinate>
+void check_extent(Span<const Coordinate> values) {
+    if constexpr (sizeof(Coordinate) > sizeof(i16)) {
+        auto [least, most] = std::minmax_element(values.begin(), values.end());
+        require(i64(*most) - *least < 1 << 19, "pixels must be less than 524,288 apart");
     }
-    return pairs;
 }
 
 }  // namespace
@@ -370,6 +409,8 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
             "columns, degrees and rows of sources must be as many as events");
     if (n == 0) return 0;
     require(source.columns() >= 2, "there must be room for a source and one more");
+    check_extent(x), check_extent(y);
+    if (n == 1) return degree[0] = 0;
     Interrupt interrupt;
     Metric metric{radius, alpha, beta, source.columns() - 1};
     Sources sources{degree, source};
@@ -377,8 +418,9 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
     bool swept = false;
     if (alpha > 0 && beta > 0 && limit / beta < 1e36 && limit / alpha < 1e8) {
         i64 reach = i64(std::sqrt(limit / beta * (1 + ROUNDING))) + 1;
-        swept = pairs_in_time(t, reach) <= sweep_below * n;
-        if (swept) sweep(t, x, y, metric, reach, sources, interrupt);
+        Pairs pairs = pairs_in_time(t, reach);
+        swept = double(pairs.all) <= double(sweep_below) * double(n);
+        if (swept) sweep(t, x, y, metric, reach, pairs.most, sources, interrupt);
     }
     if (!swept) Search(t, PixelLists(x, y, alpha > 0), metric, sources, interrupt).run();
     return std::accumulate(degree.begin(), degree.end(), i64(0));
@@ -389,8 +431,7 @@ template i64 near_sources<i16>(Span<const i64>, Span<const i16>, Span<const i16>
 
 void define_neighbors(nb::module_& module) {
     module.attr("SWEEP") = SWEEP;
-    define<near_sources<i16>>(module, "near_sources");
-    define<near_sources<i32>>(module, "near_sources");
+    define<near_sources<i16>, near_sources<i32>>(module, "near_sources");
 }
 
 }  // namespace nvsdata

@@ -4,6 +4,9 @@
 // never converted. Arrays that are read may be strided or misaligned: they are copied then. Python's lock is released
 // while a function runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python
 // face. Errors name the function, and a TypeError the argument.
+//
+// Functions are Python's own, not nanobind's, and arrays are taken by the buffer protocol, because calls on few events
+// last no longer than nanobind's look at the arguments. Classes, numbers and results are nanobind's.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -11,9 +14,11 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include <array>
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -32,10 +37,18 @@ public:
     View& operator=(const View&) = delete;
     ~View() { PyBuffer_Release(&view_); }
 
+    // Whether the object, always the same one, is an array.
+    bool take(PyObject* object) {
+        if (view_.obj) return true;
+        if (PyObject_GetBuffer(object, &view_, PyBUF_FORMAT | PyBUF_STRIDES) == 0) return true;
+        PyErr_Clear();
+        return false;
+    }
+
     i64 shape(int axis) const { return i64(view_.shape[axis]); }
-    i64 stride(int axis) const { return i64(view_.strides[axis]); }  // bytes
     i64 size() const { return i64(view_.len / view_.itemsize); }
-    void* data() const { return view_.buf; }
+    int dimensions() const { return view_.ndim; }
+    bool is_read_only() const { return view_.readonly; }
 
     template <class T>
     bool is_of() const {
@@ -48,115 +61,117 @@ public:
         if (*format == '@' || *format == '=') ++format;
         return *format && !format[1] && std::strchr(kinds, *format) && view_.itemsize == sizeof(T);
     }
+    bool is_contiguous() const {
+        i64 step = i64(view_.itemsize);
+        for (int axis = dimensions() - 1; axis >= 0; step *= shape(axis--))
+            if (view_.strides[axis] != step && shape(axis) > 1) return size() == 0;
+        return true;
+    }
 
-protected:
-    bool get(PyObject* object, int dimensions, int flags) noexcept {
-        if (PyObject_GetBuffer(object, &view_, PyBUF_FORMAT | flags) == 0) return view_.ndim == dimensions;
-        PyErr_Clear();
-        return false;
+    // The values in their order, of a strided or misaligned array's copies.
+    template <class T>
+    T* values() {
+        bool aligned = reinterpret_cast<std::uintptr_t>(view_.buf) % alignof(T) == 0;
+        if constexpr (std::is_const_v<T>)
+            if (!aligned || !is_contiguous()) copy(sizeof(T));
+        return static_cast<T*>(copy_ ? static_cast<void*>(copy_.get()) : view_.buf);
     }
 
 private:
     Py_buffer view_{};
+    std::unique_ptr<char[]> copy_;
+
+    // A strided array has one dimension or two.
+    void copy(std::size_t item) {
+        copy_.reset(new char[std::size_t(view_.len)]);
+        if (is_contiguous()) {
+            std::memcpy(copy_.get(), view_.buf, std::size_t(view_.len));
+            return;
+        }
+        int last = dimensions() - 1;
+        i64 columns = last ? shape(last) : 1;
+        for (i64 n = 0; n < size(); ++n) {
+            i64 at = n / columns * view_.strides[0] + n % columns * view_.strides[last];
+            std::memcpy(copy_.get() + std::size_t(n) * item, static_cast<const char*>(view_.buf) + at, item);
+        }
+    }
 };
 
-// An array of T; if T is const, it is only read, and may be strided or misaligned unless `contiguous`.
-template <class T, int dimensions, bool contiguous = !std::is_const_v<T>>
-class Buffer : public View {
-public:
-    using Value = std::remove_const_t<T>;
-    // how errors name it
-    using Named =
-        std::conditional_t<contiguous, nb::ndarray<T, nb::ndim<dimensions>, nb::c_contig, nb::device::cpu>,
-                           nb::ndarray<T, nb::ndim<dimensions>, nb::device::cpu>>;
-    static constexpr auto Name = nb::detail::make_caster<Named>::Name;
+// How a function's argument of a type is made of an object of Python, of which `Found` keeps what it needs.
+template <class T>
+struct Argument {
+    using Plain = std::remove_reference_t<T>;
+    using Found = nb::detail::make_caster<Plain>;
 
-    bool take(PyObject* object) noexcept {
-        constexpr int access = std::is_const_v<T> ? 0 : PyBUF_WRITABLE;
-        return get(object, dimensions, access | (contiguous ? PyBUF_C_CONTIGUOUS : PyBUF_STRIDES)) && is_of<Value>();
+    // NumPy's numbers are numbers
+    static constexpr unsigned convert = std::is_arithmetic_v<T> ? unsigned(nb::detail::cast_flags::convert) : 0;
+    static bool take(PyObject* object, View&, Found& found) {
+        return object != Py_None && found.from_python(object, convert, nullptr);
     }
-    T* values() {
-        if constexpr (!contiguous)
-            if (!is_dense()) return copied();
-        return static_cast<T*>(data());
+    static T of(View&, Found& found) { return found.operator nb::detail::cast_t<T>(); }
+    static const char* name() {
+        if constexpr (std::is_reference_v<T>) return nb::str(nb::type<Plain>().attr("__name__")).c_str();
+        return Found::Name.text;
     }
+};
 
-private:
-    std::unique_ptr<Value[]> copy_;
+// Arrays of a type: contiguous, unless they are only read and `strided`.
+template <class T, int n, bool strided>
+struct ArrayArgument {
+    struct Found {};
+    static constexpr bool is_read = std::is_const_v<T>;
+    using Named = std::conditional_t<strided && is_read, nb::ndarray<T, nb::ndim<n>, nb::device::cpu>,
+                                     nb::ndarray<T, nb::ndim<n>, nb::c_contig, nb::device::cpu>>;
 
-    bool is_dense() const {
-        bool dense = reinterpret_cast<std::uintptr_t>(data()) % alignof(T) == 0;
-        i64 step = sizeof(T);
-        for (int axis = dimensions - 1; axis >= 0; step *= shape(axis--))
-            dense = dense && (stride(axis) == step || shape(axis) <= 1);
-        return dense || size() == 0;
+    static bool take(PyObject* object, View& view, Found&) {
+        return view.take(object) && view.dimensions() == n && view.is_of<std::remove_const_t<T>>() &&
+               (is_read || !view.is_read_only()) && ((strided && is_read) || view.is_contiguous());
     }
+    static const char* name() { return nb::detail::make_caster<Named>::Name.text; }
+};
 
-    T* copied() {
-        static_assert(dimensions <= 2);
-        copy_.reset(new Value[std::size_t(size())]);
-        i64 columns = dimensions == 2 ? shape(dimensions - 1) : 1;
-        for (i64 n = 0; n < size(); ++n) {
-            i64 at = n / columns * stride(0) + n % columns * stride(dimensions - 1);
-            std::memcpy(&copy_[std::size_t(n)], static_cast<const char*>(data()) + at, sizeof(T));
-        }
-        return copy_.get();
+template <class T>
+struct Argument<Span<T>> : ArrayArgument<T, 1, true> {
+    static Span<T> of(View& view, typename Argument::Found&) { return {view.values<T>(), view.shape(0)}; }
+};
+
+template <class T>
+struct Argument<Rows<T>> : ArrayArgument<T, 2, true> {
+    static Rows<T> of(View& view, typename Argument::Found&) {
+        return {view.values<T>(), view.shape(0), view.shape(1)};
+    }
+};
+
+template <class T, int n>
+struct Argument<Array<T, n>> : ArrayArgument<T, n, false> {
+    static Array<T, n> of(View& view, typename Argument::Found&) {
+        Array<T, n> array{{view.values<T>(), view.size()}, {}};
+        for (int axis = 0; axis < n; ++axis) array.shape[axis] = view.shape(axis);
+        return array;
     }
 };
 
 // A contiguous array of one of several types that is read.
 template <class... T>
-class OneOf : public View {
-public:
-    static constexpr auto Name = nb::detail::const_name("ndarray[dtype=") +
-                                 nb::detail::concat(nb::detail::dtype_name<T>::name...) +
-                                 nb::detail::const_name(", shape=(*), order='C', device='cpu', writable=False]");
-
-    bool take(PyObject* object) noexcept { return get(object, 1, PyBUF_C_CONTIGUOUS) && (is_of<T>() || ...); }
-};
-
-template <class T>
-struct Argument {
-    using Python = T;
-    static T of(T value) { return value; }
-};
-
-template <class T>
-struct Argument<Span<T>> {
-    using Python = Buffer<T, 1>&;
-    static Span<T> of(Python array) { return {array.values(), array.shape(0)}; }
-};
-
-template <class T>
-struct Argument<Rows<T>> {
-    using Python = Buffer<T, 2>&;
-    static Rows<T> of(Python array) { return {array.values(), array.shape(0), array.shape(1)}; }
-};
-
-// Of any number of dimensions: contiguous even if it is only read.
-template <class T, int n>
-struct Argument<Array<T, n>> {
-    using Python = Buffer<T, n, true>&;
-    static Array<T, n> of(Python array) {
-        Array<T, n> found{{array.values(), array.size()}, {}};
-        for (int axis = 0; axis < n; ++axis) found.shape[axis] = array.shape(axis);
-        return found;
-    }
-};
-
-template <class... T>
 struct Argument<std::variant<Span<const T>...>> {
-    using Python = OneOf<T...>&;
-    using Spans = std::variant<Span<const T>...>;
-    static Spans of(Python array) {
-        Spans found;
+    struct Found {};
+    static bool take(PyObject* object, View& view, Found&) {
+        return view.take(object) && view.dimensions() == 1 && (view.is_of<T>() || ...) && view.is_contiguous();
+    }
+    static std::variant<Span<const T>...> of(View& view, Found&) {
+        std::variant<Span<const T>...> spans;
         auto see = [&](auto value) {
             using Value = decltype(value);
-            if (array.template is_of<Value>())
-                found = Span<const Value>(static_cast<const Value*>(array.data()), array.shape(0));
+            if (view.is_of<Value>()) spans = Span<const Value>(view.values<const Value>(), view.shape(0));
         };
         (see(T()), ...);
-        return found;
+        return spans;
+    }
+    static const char* name() {
+        using namespace nb::detail;
+        static constexpr auto text = const_name("ndarray[dtype=") + concat(dtype_name<T>::name...) +
+                                     const_name(", shape=(*), order='C', device='cpu', writable=False]");
+        return text.text;
     }
 };
 
@@ -166,137 +181,95 @@ struct Mismatch {
     const char* type;
 };
 
-// Any argument, after all functions of a name have refused it, even converted.
-struct Refused {
-    nb::handle object;
-};
-
-// What errors need to know about a function that is bound.
+// Functions that take the same number of arguments.
 struct Overload {
     std::size_t arguments;
-    Mismatch (*first_mismatch)(const nb::handle* given);
-    void (*define_refusal)(nb::module_& module, const char* name);
+    // Whether one of the functions takes the arguments; the result of the first one that does, or null for an error.
+    bool (*call)(const char* name, PyObject* const* given, PyObject*& result);
+    Mismatch (*first_mismatch)(PyObject* const* given);
 };
 
-// Keep what errors need to know about a function.
-void note_overload(const char* name, const Overload& overload);
+// Let the module have a function that calls the first of its overloads that takes the arguments.
+void add_overload(nb::module_& module, const char* name, const Overload& overload);
 
-// Raise the TypeError of arguments that no function of a name takes.
-[[noreturn]] void refuse(const char* name, const nb::handle* given, std::size_t count);
-
-// Raise the exception that is being handled, with the function's name in front of the message.
-[[noreturn]] void raise_with(const char* name);
-
-// An array of another dtype is an error, not a copy; NumPy's numbers are numbers.
-template <class T>
-auto argument() {
-    if constexpr (std::is_arithmetic_v<T>)
-        return nb::arg();
-    else
-        return nb::arg().noconvert();
-}
+// Let Python raise the exception that is being handled, with the function's name in front of the message.
+void raise_in_python(const char* name) noexcept;
 
 template <auto function>
 struct Bound;
 
 template <class R, class... A, R (*function)(A...)>
 struct Bound<function> {
-    static void define(nb::module_& module, const char* name) {
-        auto call = [name](typename Argument<A>::Python... given) -> R {
-            nb::gil_scoped_release free;
-            try {
-                return function(Argument<A>::of(given)...);
-            } catch (...) {
-                raise_with(name);
-            }
+    static constexpr std::size_t arguments = sizeof...(A);
+
+    static bool call(const char* name, PyObject* const* given, View* views, PyObject*& result) {
+        return call(name, given, views, result, std::index_sequence_for<A...>());
+    }
+
+    static Mismatch first_mismatch(PyObject* const* given) {
+        Mismatch mismatch{0, nullptr};
+        auto takes = [&](auto argument) {
+            using Taken = decltype(argument);
+            View view;
+            typename Taken::Found found;
+            bool taken = Taken::take(given[mismatch.place], view, found);
+            if (taken)
+                ++mismatch.place;
+            else
+                mismatch.type = Taken::name();
+            return taken;
         };
-        module.def(name, call, argument<A>()...);
-        note_overload(name, {sizeof...(A), &first_mismatch, &define_refusal});
+        (void)(takes(Argument<A>()) && ...);
+        return mismatch;
     }
 
 private:
-    template <class>
-    using RefusedOf = Refused;
-    template <class>
-    static auto any() {
-        return nb::arg().none();
-    }
-
-    static void define_refusal(nb::module_& module, const char* name) {
-        auto call = [name](RefusedOf<A>... given) {
-            const nb::handle objects[] = {given.object..., nb::handle()};
-            refuse(name, objects, sizeof...(A));
+    template <std::size_t... I>
+    static bool call(const char* name, PyObject* const* given, View* views, PyObject*& result,
+                     std::index_sequence<I...>) {
+        std::tuple<typename Argument<A>::Found...> found;
+        if (!(Argument<A>::take(given[I], views[I], std::get<I>(found)) && ...)) return false;
+        auto run = [&]() -> R {
+            nb::gil_scoped_release free;
+            return function(Argument<A>::of(views[I], std::get<I>(found))...);
         };
-        module.def(name, call, any<A>()...);
-    }
-
-    static Mismatch first_mismatch(const nb::handle* given) {
-        Mismatch found{0, nullptr};
-        (void)(takes<A>(given[found.place], found) && ...);
-        return found;
-    }
-
-    template <class T>
-    static bool takes(nb::handle object, Mismatch& found) {
-        using Plain = std::remove_reference_t<typename Argument<T>::Python>;
-        bool fits;
-        if constexpr (std::is_base_of_v<View, Plain>) {
-            fits = Plain().take(object.ptr());
-        } else {
-            std::conditional_t<std::is_reference_v<T>, Plain*, Plain> value{};
-            fits = !object.is_none() && nb::try_cast(object, value, std::is_arithmetic_v<T>);
+        try {
+            if constexpr (std::is_void_v<R>) {
+                run();
+                result = nb::none().release().ptr();
+            } else {
+                result = nb::cast(run()).release().ptr();
+            }
+        } catch (...) {
+            raise_in_python(name);
         }
-        if (fits) {
-            ++found.place;
-            return true;
-        }
-        if constexpr (std::is_reference_v<T>)
-            found.type = nb::str(nb::type<Plain>().attr("__name__")).c_str();
-        else
-            found.type = nb::detail::make_caster<Plain>::Name.text;
-        return false;
+        return true;
     }
 };
 
-// Define a function in the module. Of functions with one name, the first that takes the arguments is called.
-template <auto function>
+template <auto first, auto... others>
+struct Alternatives {
+    static constexpr std::size_t arguments = Bound<first>::arguments;
+    static_assert(((Bound<others>::arguments == arguments) && ...));
+
+    static bool call(const char* name, PyObject* const* given, PyObject*& result) {
+        View views[arguments + 1];
+        return Bound<first>::call(name, given, views, result) || (Bound<others>::call(name, given, views, result) || ...);
+    }
+    // Of the function that most of the arguments fit, which is likely to be meant.
+    static Mismatch first_mismatch(PyObject* const* given) {
+        Mismatch furthest{0, nullptr};
+        for (Mismatch found : {Bound<first>::first_mismatch(given), Bound<others>::first_mismatch(given)...})
+            if (!furthest.type || found.place > furthest.place) furthest = found;
+        return furthest;
+    }
+};
+
+// Define functions of one name in the module, of which the first that takes the arguments is called.
+template <auto... functions>
 void define(nb::module_& module, const char* name) {
-    Bound<function>::define(module, name);
+    using Some = Alternatives<functions...>;
+    add_overload(module, name, {Some::arguments, &Some::call, &Some::first_mismatch});
 }
 
-// Define, after all functions, what names the arguments that none of them takes.
-void define_refusals(nb::module_& module);
-
 }  // namespace nvsdata
-
-namespace nanobind::detail {
-
-template <class Array>
-struct ArrayCaster {
-    NB_TYPE_CASTER(Array, Array::Name)
-
-    template <class Flags>
-    bool from_python(handle source, Flags, cleanup_list*) noexcept {
-        return value.take(source.ptr());
-    }
-};
-
-template <class T, int dimensions, bool contiguous>
-struct type_caster<nvsdata::Buffer<T, dimensions, contiguous>> : ArrayCaster<nvsdata::Buffer<T, dimensions, contiguous>> {};
-
-template <class... T>
-struct type_caster<nvsdata::OneOf<T...>> : ArrayCaster<nvsdata::OneOf<T...>> {};
-
-}  // namespace nanobind::detail
-
-// Refuses what isn't converted, so that other functions are tried with conversions first.
-template <>
-struct nanobind::detail::type_caster<nvsdata::Refused> {
-    NB_TYPE_CASTER(nvsdata::Refused, const_name("object"))
-
-    template <class Flags>
-    bool from_python(handle source, Flags flags, cleanup_list*) noexcept {
-        value.object = source;
-        return flags & Flags(cast_flags::convert);
-    }
-};

@@ -71,7 +71,8 @@ void logarithms_of_ages(Span<const i64> t, Span<const i16> x, Span<const i16> y,
     require_shapes(polarities == 2 && have.shape == std::array<i64, 3>{2, height, width});
     Images images{width, height};
     Interrupt interrupt;
-    i64 places[STEPS], depth = k;
+    u32 places[STEPS];
+    i64 depth = k;
     // the latest first
     for (i64 to = t.size(); to > 0; to -= std::min(to, STEPS)) {
         i64 from = to - std::min(to, STEPS);

@@ -31,22 +31,22 @@ void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
     Span<double> total = scratch.values.part(images.size, 2 * images.size);
     Span<double> squares = scratch.values.part(2 * images.size, 3 * images.size);
     Interrupt interrupt;
-    some_events(images, events, first, last, interrupt, [&](i64 from, i64 count, const i64* places) {
-        double values[STEPS];
-        if (quantity == TIME && span)
-            scale_times(t.data() + from, count, start, 0, 1, double(span), values);
-        else
-            for (i64 k = 0; k < count; ++k)
-                values[k] = quantity == COUNT ? 1.0 : quantity == POLARITY ? 2.0 * p[from + k] - 1 : 0.0;
-        for (i64 k = 0; k < count; ++k) {
-            if (wanted >= 0 && p[from + k] != wanted) continue;
-            i64 place = places[k];
-            double value = values[k], before = total[place], larger = before < value ? value : before;
+    double duration = double(span);
+    auto add = [&](auto value_of) {
+        each_event(images, events, first, last, interrupt, [&](i64 i, i64 place) {
+            if (wanted >= 0 && p[i] != wanted) return;
+            double value = value_of(i), before = total[place], larger = before < value ? value : before;
             number[place] += 1;
             squares[place] += value * value;
             total[place] = measure == MAX ? larger : before + value;
-        }
-    });
+        });
+    };
+    if (quantity == COUNT)
+        add([](i64) { return 1.0; });
+    else if (quantity == POLARITY)
+        add([&](i64 i) { return 2.0 * p[i] - 1; });
+    else
+        add([&](i64 i) { return span ? double(minus(t[i], start)) / duration : 0.0; });
     best<measure_pixels>(number.data(), total.data(), squares.data(), images.size, measure, out.data());
 }
 
