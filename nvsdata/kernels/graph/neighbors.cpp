@@ -111,7 +111,7 @@ class Search {
 public:
     Search(Span<const i64> t, PixelLists&& pixels, const Metric& metric, const Sources& sources, Interrupt& interrupt)
         : t_(t), pixels_(std::move(pixels)), metric_(metric), sources_(sources), marks_(t.size()), nearest_(metric.k),
-          interrupt_(interrupt) {}
+          whole_room_(std::size_t(t.size()) + 1), last_room_(whole_room_.size()), interrupt_(interrupt) {}
 
     void run() {
         double alpha = metric_.alpha, limit = metric_.limit();
@@ -144,7 +144,8 @@ private:
     Nearest nearest_;
     double slack_ = 0;  // what the longest difference in time adds to a distance
     Vector<Near> near_;
-    Vector<i32> whole_, last_, place_;
+    Vector<i32> whole_room_, last_room_, place_;
+    Span<const i32> whole_, last_;  // events of whole rings, and of the last one
     Interrupt& interrupt_;
     unsigned steps_ = 0;
 
@@ -194,8 +195,13 @@ private:
         }
         for (std::size_t p = 0; p < near_.size(); ++p)
             for (auto e = begin(near_[p].pixel); e != end(near_[p].pixel); ++e) marks_.mark(*e, p >= q);
-        whole_.clear(), last_.clear();
-        marks_.drain([&](i32 event, bool last) { (last ? last_ : whole_).push_back(event); });
+        i64 wholes = 0, lasts = 0;
+        // no branch, because which events are the last ring's is unpredictable
+        marks_.drain([&](i32 event, bool last) {
+            whole_room_[wholes] = last_room_[lasts] = event;
+            wholes += !last, lasts += last;
+        });
+        whole_ = {whole_room_.data(), wholes}, last_ = {last_room_.data(), lasts};
         bool own = q == 0;
         std::size_t from = 0;
         for (auto e = begin(pixel); e != end(pixel); ++e) {
@@ -220,9 +226,9 @@ private:
     // The `left` events of the last ring that are nearest to event i in time; those lie side by side, but of equally
     // near ones those of smallest index count. `from` only moves forward.
     Runs nearest_in_time(i32 i, i64 left, bool own, std::size_t& from) const {
-        std::size_t some = std::min(std::size_t(left), last_.size());
+        std::size_t some = std::min(std::size_t(left), std::size_t(last_.size()));
         auto time = [&](std::size_t n) { return t_[last_[n]]; };
-        while (from + some < last_.size()) {
+        while (from + some < std::size_t(last_.size())) {
             i64 later = time(from + some), earlier = time(from);
             if (later != earlier && gap(later, t_[i]) >= gap(earlier, t_[i])) break;
             ++from;
@@ -336,23 +342,24 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
         double dx = double(i64(x[i]) - x[j]), dy = double(i64(y[i]) - y[j]), dt = double(minus(t[i], t[j]));
         return metric.alpha * (dx * dx + dy * dy) + metric.beta * (dt * dt);
     };
-    auto nearer = [&](i64 i, i64 j, i64 other) {
-        return Candidate{distance(i, j), gap(t[j], t[i]), i32(j)} <
-               Candidate{distance(i, other), gap(t[other], t[i]), i32(other)};
-    };
+    auto candidate = [&](i64 i, i64 j) { return Candidate{distance(i, j), gap(t[j], t[i]), i32(j)}; };
     Vector<i32> worst(static_cast<std::size_t>(n));
     auto find_worst = [&](i64 i) {
-        worst[i] = 0;
+        const i32* row = sources.of(i);
+        i32 found = 0;
+        Candidate furthest = candidate(i, row[0]);
         for (i32 other = 1; other < k; ++other)
-            if (nearer(i, sources.of(i)[worst[i]], sources.of(i)[other])) worst[i] = other;
+            if (Candidate next = candidate(i, row[other]); furthest < next) found = other, furthest = next;
+        worst[i] = found;
     };
     auto insert = [&](i64 i, i64 j) {
         i32& have = sources.degree[i];
+        i32* row = sources.of(i);
         if (have < k) {
-            sources.of(i)[have++] = i32(j);
+            row[have++] = i32(j);
             if (have == k) find_worst(i);
-        } else if (nearer(i, j, sources.of(i)[worst[i]])) {
-            sources.of(i)[worst[i]] = i32(j);
+        } else if (candidate(i, j) < candidate(i, row[worst[i]])) {
+            row[worst[i]] = i32(j);
             find_worst(i);
         }
     };

@@ -16,8 +16,10 @@ float sign(u8 p) {
 // Add to a count; one of whole numbers stays at the end of its range.
 template <class T>
 void add(T& count, int step) {
+    // no branch, because which counts are at an end is unpredictable
     if constexpr (std::is_integral_v<T>)
-        count = T(std::min<int>(std::max<int>(count + step, std::numeric_limits<T>::min()), std::numeric_limits<T>::max()));
+        count = T(count + (step > 0) * (count != std::numeric_limits<T>::max()) -
+                  (step < 0) * (count != std::numeric_limits<T>::min()));
     else
         count += T(step);
 }

@@ -32,21 +32,32 @@ void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
     Span<double> squares = scratch.values.part(2 * images.size, 3 * images.size);
     Interrupt interrupt;
     double duration = double(span);
-    auto add = [&](auto value_of) {
+    // `kind` is a constant, as are the quantities, so that loops have no more than they need
+    auto add = [&](auto kind, auto value_of) {
         each_event(images, events, first, last, interrupt, [&](i64 i, i64 place) {
             if (wanted >= 0 && p[i] != wanted) return;
             double value = value_of(i), before = total[place], larger = before < value ? value : before;
-            number[place] += 1;
-            squares[place] += value * value;
-            total[place] = measure == MAX ? larger : before + value;
+            total[place] = kind == MAX ? larger : before + value;
+            if (kind == MEAN || kind == VARIANCE) number[place] += 1;
+            if (kind == VARIANCE) squares[place] += value * value;
         });
     };
-    if (quantity == COUNT)
-        add([](i64) { return 1.0; });
-    else if (quantity == POLARITY)
-        add([&](i64 i) { return 2.0 * p[i] - 1; });
+    auto add_values = [&](auto kind) {
+        if (quantity == COUNT)
+            add(kind, [](i64) { return 1.0; });
+        else if (quantity == POLARITY)
+            add(kind, [&](i64 i) { return 2.0 * p[i] - 1; });
+        else
+            add(kind, [&](i64 i) { return span ? double(minus(t[i], start)) / duration : 0.0; });
+    };
+    if (measure == MEAN)
+        add_values(std::integral_constant<int, MEAN>());
+    else if (measure == MAX)
+        add_values(std::integral_constant<int, MAX>());
+    else if (measure == VARIANCE)
+        add_values(std::integral_constant<int, VARIANCE>());
     else
-        add([&](i64 i) { return span ? double(minus(t[i], start)) / duration : 0.0; });
+        add_values(std::integral_constant<int, SUM>());
     best<measure_pixels>(number.data(), total.data(), squares.data(), images.size, measure, out.data());
 }
 
