@@ -61,11 +61,10 @@ public:
         if (full()) find_worst();
         return true;
     }
-    void list(const Sources& sources, i64 i) const {
-        i32* out = sources.of(i);
-        for (std::size_t n = 0; n < count_; ++n) out[n] = found_[n].event;
-        std::sort(out, out + count_);
-        sources.degree[i] = i32(count_);
+    // Calls each(event).
+    template <class Each>
+    void each_event(Each each) const {
+        for (std::size_t n = 0; n < count_; ++n) each(found_[n].event);
     }
 
 private:
@@ -73,9 +72,10 @@ private:
     std::size_t count_ = 0, worst_ = 0;
 
     void find_worst() {
-        worst_ = 0;
-        for (std::size_t n = 1; n < count_; ++n)
-            if (worst() < found_[n]) worst_ = n;
+        const Candidate* furthest = found_.data();
+        for (const Candidate& other : found_)
+            if (*furthest < other) furthest = &other;
+        worst_ = std::size_t(furthest - found_.data());
     }
 };
 
@@ -281,8 +281,16 @@ private:
                 if (nearest_.full() && base > nearest_.worst().d) break;
                 outward(*e, base, begin(near_[q].pixel), pixels_.order.data() + place_[q], end(near_[q].pixel));
             }
-            nearest_.list(sources_, *e);
+            list_nearest(*e);
         }
+    }
+
+    // List the nearest events of event i, ascending.
+    void list_nearest(i32 i) {
+        i32 *out = sources_.of(i), *first = out;
+        nearest_.each_event([&](i32 event) { marks_.mark(event, 0); });
+        marks_.drain([&](i32 event, bool) { *out++ = event; });
+        sources_.degree[i] = i32(out - first);
     }
 
     // Offer the events of a pixel, nearest in time first, as long as they are near enough; `later` is the first of them
@@ -293,14 +301,27 @@ private:
             double d = base + metric_.beta * (double(dt) * double(dt));
             return d <= metric_.limit() && nearest_.offer({d, dt, j});
         };
-        bool open = true;
-        for (auto j = later; open && j != end; ++j) open = *j == i || offer(*j);
-        open = true;
-        for (auto stop = later; open && stop != first;) {
-            // a run of equal times
-            auto run = std::lower_bound(first, stop, t_[stop[-1]], [&](i32 j, i64 v) { return t_[j] < v; });
-            for (auto j = run; open && j != stop; ++j) open = offer(*j);
-            stop = run;
+        const i32* after = later + (later != end && *later == i);
+        // earlier events by runs of equal times: the next one, where its run ends, and where it begins
+        const i32 *before = later, *until = later, *run = later;
+        auto next_run = [&] {
+            before = until = run;
+            if (run == first) return;
+            run = before -= 1;
+            if (run != first && t_[run[-1]] == t_[*run])
+                before = run = std::lower_bound(first, run, t_[*run], [&](i32 j, i64 v) { return t_[j] < v; });
+        };
+        next_run();
+        for (bool ahead = after != end, behind = before != until; ahead || behind;) {
+            if (ahead && (!behind || gap(t_[*after], t_[i]) <= gap(t_[*before], t_[i]))) {
+                ahead = offer(*after) && ++after != end;
+            } else {
+                behind = offer(*before);
+                if (behind && ++before == until) {
+                    next_run();
+                    behind = before != until;
+                }
+            }
         }
     }
 };

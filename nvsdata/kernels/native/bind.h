@@ -32,10 +32,12 @@ namespace nb = nanobind;
 // An array of Python, by its buffer protocol, until the call ends.
 class View {
 public:
-    View() = default;
+    View() { view_.obj = nullptr; }
     View(const View&) = delete;
     View& operator=(const View&) = delete;
-    ~View() { PyBuffer_Release(&view_); }
+    ~View() {
+        if (view_.obj) PyBuffer_Release(&view_);
+    }
 
     // Whether the object, always the same one, is an array.
     bool take(PyObject* object) {
@@ -59,7 +61,8 @@ public:
         const char* format = view_.format;
         // the machine's byte order; sizes are compared, because some types have several characters
         if (*format == '@' || *format == '=') ++format;
-        return *format && !format[1] && std::strchr(kinds, *format) && view_.itemsize == sizeof(T);
+        while (*kinds && *kinds != *format) ++kinds;
+        return *kinds && !format[1] && view_.itemsize == sizeof(T);
     }
     bool is_contiguous() const {
         i64 step = i64(view_.itemsize);
@@ -78,7 +81,7 @@ public:
     }
 
 private:
-    Py_buffer view_{};
+    Py_buffer view_;
     std::unique_ptr<char[]> copy_;
 
     // A strided array has one dimension or two.

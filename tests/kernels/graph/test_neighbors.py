@@ -245,3 +245,25 @@ def test_dense_scenes_agree_with_a_tree(beta):
     pairs = cKDTree(points).query_pairs(3.0)
     both = {*pairs, *((b, a) for a, b in pairs)}
     assert edges(RadiusGraph(beta=beta, max_degree=500)(ev)) == both
+
+
+@pytest.mark.parametrize("way", [PIXELS, SWEEP], ids=["pixels", "sweep"])
+@pytest.mark.parametrize("kind", [np.int16, np.int32])
+@pytest.mark.parametrize("far", [-40, -7, 0, 32_700, 65_530, -(2**31), 2**31 - 80])
+@given(seed=st.integers(0, 2**32), metric=whole)
+def test_coordinates_may_be_negative_or_beyond_16_bits(way, kind, far, seed, metric):
+    if abs(far) > np.iinfo(kind).max - 60:
+        far %= 2**15 - 60
+    random = np.random.default_rng(seed)
+    t = np.sort(random.integers(0, 6, 40))
+    # of 32 bits, some 2^16 pixels from others
+    x, y = random.integers(0, 6, (2, 40)) + random.integers(0, 2, (2, 40)) * (2**16 * (kind is np.int32) * (far < 0))
+    x, y = (x + far).astype(kind), (y + far).astype(kind)
+    assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
+
+
+def test_coordinates_too_far_apart_are_refused():
+    t, x = np.arange(3), np.array([0, -5, 2**19], np.int32)
+    for pair in ((x, t.astype(np.int32)), (t.astype(np.int32), x)):
+        with pytest.raises(ValueError, match="524,288"):
+            near_edges(t, *pair, 3.0, 1.0, 0.0, 8)
