@@ -58,7 +58,7 @@ public:
                             : std::is_floating_point_v<T> ? "fd"
                             : std::is_signed_v<T>         ? "bhilq"
                                                           : "BHILQ";
-        const char* format = view_.format;
+        const char* format = view_.format ? view_.format : "B";
         // the machine's byte order; sizes are compared, because some types have several characters
         if (*format == '@' || *format == '=') ++format;
         while (*kinds && *kinds != *format) ++kinds;
@@ -211,7 +211,7 @@ struct Bound<function> {
 
     static Mismatch first_mismatch(PyObject* const* given) {
         Mismatch mismatch{0, nullptr};
-        auto takes = [&](auto argument) {
+        [[maybe_unused]] auto takes = [&](auto argument) {
             using Taken = decltype(argument);
             View view;
             typename Taken::Found found;
