@@ -25,7 +25,8 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import claimed, put
 from nvsdata.common.text import aligned
 from nvsdata.emulation import DVS, PIX2NVS, fit
-from nvsdata.emulation.fitting import correlation, intervals, pixel_index
+from nvsdata.emulation.correlation import correlation, pixel_index
+from nvsdata.emulation.fitting import event_intervals
 from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.search import search
 from nvsdata.plots.sheets import side_by_side
@@ -181,7 +182,7 @@ def intervals_apart(ours: Events, real: Events) -> float:
     """Mean difference of the deciles of log10 of the intervals within pixels."""
     deciles = []
     for events in (ours, real):
-        gaps = intervals(events)
+        gaps = event_intervals(events)
         deciles.append(np.quantile(np.log10(np.maximum(gaps, 1)), DECILES) if gaps.size else np.full(9, np.nan))
     return float(np.abs(deciles[0] - deciles[1]).mean())
 
