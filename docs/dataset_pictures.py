@@ -1,6 +1,6 @@
-"""Pictures for the datasets' pages, drawn when the site is built, from what lies on that machine.
+"""Images for the datasets' pages, drawn when the site is built, from recordings on that machine.
 
-The repository holds none but N-MNIST's: the licenses of most datasets are unknown, or forbid to pass recordings on.
+The repository contains only N-MNIST's: the licenses of most datasets are unknown, or forbid redistribution.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FOUND = {
 
 
 def picture(name: str) -> tuple[str, bytes] | None:
-    """What is seen, and a PNG; None if nothing of the dataset is here."""
+    """Return a caption and a PNG; None if this machine has nothing of the dataset."""
     text, tiles = f"{MILLISECONDS} ms of recordings", list(_of_dataset(name))
     if not tiles and name in FOUND:
         pattern, text = FOUND[name]
@@ -47,7 +47,7 @@ def picture(name: str) -> tuple[str, bytes] | None:
 
 
 def _of_dataset(name: str) -> Iterator[tuple[np.ndarray, list[str]]]:
-    """A recording of each of some classes of a dataset that is here."""
+    """Yield an image of a recording of each of the first classes, if this machine has the dataset."""
     place = where(name, Path(os.environ[HOME])) if HOME in os.environ else None
     if place is None:
         return

@@ -1,4 +1,4 @@
-"""Tables of what nvsdata itself knows: datasets, transforms, commands, formats."""
+"""Tables made from the registries: datasets, transforms, commands, formats."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nvsdata.formats import FORMATS
 
 
 def table(name: str) -> str:
-    """A table in Markdown, by its name; "dataset n-mnist" and the like is that of one dataset."""
+    """Return a table in Markdown by its name; "dataset n-mnist" and the like is that of one dataset."""
     kind, _, rest = name.partition(" ")
     return {"datasets": _datasets, "transforms": _transforms, "commands": _commands, "formats": _formats}.get(
         kind, lambda: _dataset(rest)
@@ -33,11 +33,11 @@ def _size(info) -> str:
 
 
 def _hosts(info) -> str:
-    """Who has the files, and whether their hashes are known."""
+    """Return the hosts of the archives, and the number of known hashes."""
     hosts = dict.fromkeys(urlsplit(url).hostname for archive in info.archives for url in archive.urls)
     hashed = sum(bool(archive.hash) for archive in info.archives)
     known = "" if not info.archives else f"; {hashed} of {len(info.archives)} hashes known"
-    return (", ".join(hosts) or "by hand only") + known
+    return (", ".join(hosts) or "manual download only") + known
 
 
 def _datasets() -> str:
@@ -47,7 +47,7 @@ def _datasets() -> str:
             continue
         info = kind.info
         sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
-        how = "by program" if info.by_program else f"[by hand]({info.page})"
+        how = "`nvsdata download`" if info.by_program else f"[manual download]({info.page})"
         page = f"[{kind.__name__}]({name}.md)"
         rows.append((page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how))
     return _rows(*rows)
@@ -64,21 +64,21 @@ def _dataset(name: str) -> str:
         ("classes", f"{len(info.classes)}"),
         ("sensor", sensor),
         ("splits", ", ".join(f"`{split}`" for split in kind.splits)),
-        ("layout below the root", f"`{info.tree}`"),
+        ("layout below `root`", f"`{info.tree}`"),
         ("license", info.license),
-        ("download", f"{_size(info)}; " + (f"`nvsdata download {name}`" if info.by_program else "by hand")),
+        ("download", f"{_size(info)}; " + (f"`nvsdata download {name}`" if info.by_program else "manual download")),
         ("hosts", _hosts(info)),
-        ("its own page", f"<{info.page}>"),
+        ("web page", f"<{info.page}>"),
     ]
     return _rows(*rows)
 
 
 def _transforms() -> str:
-    rows = [("transform", "what it gives", "repeatable")]
+    rows = [("transform", "description", "deterministic")]
     for name in sorted(transforms.TRANSFORMS):
         kind = transforms.TRANSFORMS[name]
         first = (inspect.getdoc(kind) or "").split("\n")[0]
-        same = "yes" if getattr(kind, "deterministic", False) else "random"
+        same = "yes" if getattr(kind, "deterministic", False) else "no"
         rows.append((f"[`T.{name}`](api/transforms.md#nvsdata.transforms.{name})", first, same))
     return _rows(*rows)
 

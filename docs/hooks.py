@@ -1,4 +1,4 @@
-"""What mkdocs does besides: gallery pages are run, tables are made of what nvsdata itself knows, and datasets drawn."""
+"""Hooks of mkdocs: run the gallery's pages, make tables from the registries, and draw datasets."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import dataset_pictures
 import facts
 import snippets
 
-# pages whose text lies elsewhere in the repository
-PICTURES: dict[str, str] = {}  # what is seen on each dataset's, by its name
-BESIDE = {"changelog.md": "CHANGELOG.md", "screen-playback.md": "recipes/screen_playback/README.md"}
+PICTURES: dict[str, str] = {}  # caption of each dataset's image, by its name
+# pages whose source is elsewhere in the repository
+ELSEWHERE = {"changelog.md": "CHANGELOG.md", "screen-playback.md": "recipes/screen_playback/README.md"}
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Run the gallery's pages, and add the pictures and pages that they write, and pages from elsewhere."""
+    """Run the gallery's pages; add the images and pages that they write, and pages from elsewhere in the repository."""
     docs = Path(config["docs_dir"])
     for page in sorted((docs / "gallery").glob("*.md")):
         with tempfile.TemporaryDirectory() as folder:
@@ -33,15 +33,15 @@ def on_files(files: Any, config: Any) -> Any:
         if page.stem in facts.DATASETS and (drawn := dataset_pictures.picture(page.stem)):
             PICTURES[page.stem], content = drawn
             files.append(File.generated(config, f"datasets/{page.stem}-seen.png", content=content))
-    for name, source in BESIDE.items():
+    for name, source in ELSEWHERE.items():
         text = (docs.parent / source).read_text("utf-8").replace("../../docs/", "")
         files.append(File.generated(config, name, content=text))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Put tables in place of `<!-- table: NAME -->`, and links to pages in place of those to the repository's files."""
-    for name, source in BESIDE.items():
+    """Replace `<!-- table: NAME -->` by tables, and links to files of the repository by links to pages."""
+    for name, source in ELSEWHERE.items():
         markdown = markdown.replace(f"../{source}", name)
     kind = Path(page.file.src_uri).stem
     if page.file.src_uri.startswith("datasets/") and kind in PICTURES:

@@ -1,4 +1,4 @@
-"""Which links of the documentation to elsewhere are dead: `python docs/links.py`, on a machine with a network."""
+"""Check the external links of the documentation: `python docs/links.py`, on a machine with a network."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OWN = re.compile(r"https?://(localhost|127\.|example\.)")
 
 
 def links(root: Path) -> dict[str, str]:
-    """Every address in the texts below `root`, and the first file that has it."""
+    """Return every address in the documents below `root`, with the first file that has it."""
     found: dict[str, str] = {}
     for pattern in TEXTS:
         for path in sorted(root.glob(pattern)):
@@ -27,7 +27,7 @@ def links(root: Path) -> dict[str, str]:
 
 
 def main(root: Path = ROOT) -> int:
-    """Print the dead ones: 1 if there are any."""
+    """Print dead links, and return 1 if there are any."""
     known = links(root)
     with ThreadPoolExecutor(8) as threads:
         faults = list(zip(known.items(), threads.map(page_fault, known), strict=True))

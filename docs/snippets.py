@@ -1,7 +1,7 @@
-"""The code in the documentation, executed: by the tests, and by the site's gallery.
+"""Run the code of the documentation, for the tests and for the gallery of the site.
 
 A page's fenced blocks of `python` and `sh` run from top to bottom in one folder, those of Python in one namespace. A
-`text` block right after one is what it prints; a line `...` in it stands for any lines. A comment
+`text` block right after one is its expected output; a line `...` in it stands for any lines. A comment
 `<!-- not run: REASON -->` right before a block keeps it from running.
 """
 
@@ -32,11 +32,11 @@ class Block(NamedTuple):
 
 
 class SnippetError(Exception):
-    """A block that fails, or prints something else than the page says."""
+    """A block fails, or prints something else than the page says."""
 
 
 def blocks_of(text: str) -> Iterator[Block]:
-    """The blocks of Python and of the shell in a page."""
+    """Yield the blocks of Python and of the shell in a page."""
     found = list(FENCE.finditer(text))
     for one, after in zip(found, [*found[1:], None], strict=False):
         if one["kind"] not in ("python", "sh"):
@@ -97,6 +97,6 @@ def _shell(code: str, folder: Path) -> str:
 
 
 def _alike(printed: str, expected: str) -> bool:
-    """Whether a text is the expected one, in which a line of three dots stands for any lines."""
+    """Return whether the output is the expected one, in which a line of three dots stands for any lines."""
     parts = [re.escape(part.strip("\n")) for part in re.split(r"^\.\.\.$", expected, flags=re.MULTILINE)]
     return re.fullmatch(r"[\s\S]*?".join(parts), printed.strip("\n")) is not None

@@ -1,4 +1,4 @@
-"""`python -m nvsdata`."""
+"""Command line for `python -m nvsdata`."""
 
 import sys
 

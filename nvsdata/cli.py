@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The `nvsdata` command: a table of commands, each in a module that is imported when it is called."""
+"""The `nvsdata` command line: a table of commands, whose modules are imported when they are called."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import logging
 import os
 import shlex
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -16,52 +17,74 @@ from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
-    """A line of the table: the module in `nvsdata.commands`, and what `nvsdata --help` says of it."""
+    """Entry of the table of commands.
+
+    Args:
+        module: Module in `nvsdata.commands`.
+        help: Description in `nvsdata --help`.
+    """
 
     module: str
     help: str
 
 
 COMMANDS = {
-    "demo": Command("demo", "draw moving shapes, turn them into events, train a graph CNN on them"),
-    "info": Command("info", "describe files of events: format, sensor, rate, anomalies"),
-    "view": Command("view", "look at a recording: a page that plays it, a picture or a film"),
-    "gallery": Command("gallery", "look at a dataset: a page with pictures and figures of every class"),
-    "datasets": Command("datasets", "list the datasets: sensor, size, license, and where they are"),
-    "download": Command("download", "fetch and unpack a dataset, or say how to get it by hand"),
-    "pack": Command("pack", "put all recordings of a dataset into one file; exit code 1 if any is left out"),
-    "convert": Command("convert", "write a recording in another format"),
-    "convert-videos": Command("convert_videos", "turn videos into events (PIX2NVS), class folder by class folder"),
-    "compare": Command("compare", "measure the distances between two recordings: Chamfer, repeatability, EMD"),
-    "tune": Command("tune", "search for settings of PIX2NVS that come closest to a real recording"),
-    "record": Command("record", "record a DAVIS camera's events, or videos that it sees on a monitor"),
-    "bench": Command("bench", "measure run time, memory and error, compared with other libraries"),
-    "verify": Command("verify", "open every recording, report what is wrong or missing; exit code 1 if anything is"),
-    "cache": Command("cache", "say what caches of samples take on disk, or remove them"),
+    "demo": Command("demo", "render moving shapes, convert them to events, and train a graph CNN on them"),
+    "info": Command("info", "describe recordings: format, sensor, number and rate of events, anomalies"),
+    "view": Command("view", "show a recording: write a page that plays it, an image or a film"),
+    "gallery": Command("gallery", "show a dataset: write a page with images and statistics of every class"),
+    "datasets": Command("datasets", "list the datasets: sensor, size, license, and location or source"),
+    "download": Command("download", "download and unpack a dataset, or explain how to get it manually"),
+    "pack": Command("pack", "pack all recordings of a dataset into one file; exit code 1 if any is left out"),
+    "convert": Command("convert", "convert a recording to another format"),
+    "convert-videos": Command(
+        "convert_videos", "convert videos to events with PIX2NVS or a DVS pixel model; class folders are kept"
+    ),
+    "compare": Command("compare", "measure distances between two recordings: Chamfer distance, repeatability, EMD"),
+    "tune": Command("tune", "search for the settings of an emulator whose events are closest to a real recording"),
+    "record": Command("record", "record events of a DAVIS camera, also of videos on a monitor in front of it"),
+    "bench": Command("bench", "measure run time, memory and error, also of other libraries"),
+    "verify": Command(
+        "verify", "check every recording, and report damaged and missing ones; exit code 1 if there are any"
+    ),
+    "cache": Command("cache", "show the disk usage of caches, or remove them"),
 }
 CODES = (
-    "exit codes: 0 fine, 1 something was wrong with data or is missing, 2 wrong usage, "
-    "3 a batch of recordings gave up, 130 interrupted (128 plus the signal's number)"
+    "exit codes: 0 success, 1 an error, or data is damaged or missing, 2 wrong usage, "
+    "3 a batch of recordings was aborted, 130 interrupted (128 plus the signal's number)"
 )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command with the arguments `argv` (default: those of the process); return the exit code.
+    """Run a command, and return its exit code.
 
-    0: fine; 1: something was wrong with data, or is missing; 3: a batch of recordings gave up; 130: interrupted;
-    128 plus a signal's number: ended by that signal. Wrong usage raises SystemExit with 2.
+    Args:
+        argv: Arguments, the command first (default: those of the process).
+
+    Returns:
+        0 for success; 1 for an error, or if data is damaged or missing; 3 if a batch of recordings was aborted; 128
+        plus the number of the signal that ended the command, such as 130 for Ctrl-C.
+
+    Raises:
+        SystemExit: With code 2 for wrong usage, with code 0 after `--help`.
+
+    Example:
+        >>> import tempfile
+        >>> main(["cache", "info", tempfile.mkdtemp()])
+        total: 0.0 MB
+        0
     """
     from nvsdata.common.terminal import escaped_output
 
     _open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            # names of files may hold what the terminal can't show
+            # names of files may contain characters that the terminal can't show
             stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if argv is None else argv)
     if "_ARGCOMPLETE" in os.environ:
-        # the line so far is all there is
-        words = _words(os.environ.get("COMP_LINE", ""))
+        # the shell passes the unfinished line in a variable
+        words = _split_line(os.environ.get("COMP_LINE", ""))
     with escaped_output():
         return _run(words)
 
@@ -80,9 +103,9 @@ def _run(words: Sequence[str]) -> int:
             _complete(parser)
             args, left = parser.parse_known_args(words)
             if left:
-                # by the command's own parser, which names its own help
+                # an error of the command's parser names the help of the command
                 getattr(args, "parser", parser).error(f"unrecognized arguments: {' '.join(left)}")
-            with _told(args):
+            with _verbosity(args):
                 code: int = args.run(args)
                 with named("standard output"):
                     sys.stdout.flush()
@@ -90,7 +113,7 @@ def _run(words: Sequence[str]) -> int:
         print(end_of(error), file=sys.stderr)
         return exit_code(error)
     except BrokenPipeError:
-        # nobody reads the output any more; the rest of it must not raise an error at exit
+        # the reader of the output has ended; flushing at exit must not raise another error
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except UsageError as error:
@@ -102,7 +125,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _where(error: Exception, args: argparse.Namespace) -> str:
-    """Return what a system error without a file name may be about: the paths that were given."""
+    """Return the given paths, one of which a system error without a file name is about."""
     from pathlib import Path
 
     from nvsdata.common.errors import shown
@@ -115,10 +138,14 @@ def _where(error: Exception, args: argparse.Namespace) -> str:
 
 
 @contextmanager
-def _told(args: argparse.Namespace) -> Iterator[None]:
-    """While the block runs, tell the user as much as wanted: `--quiet` results and faults, `--verbose` all steps."""
+def _verbosity(args: argparse.Namespace) -> Iterator[None]:
+    """Apply `--quiet` (only results and errors) and `--verbose` (each step) while the block runs."""
+    from nvsdata.common.errors import shown
     from nvsdata.common.terminal import be_quiet
 
+    format_warning = warnings.formatwarning
+    # without the line of code that Python adds
+    warnings.formatwarning = lambda message, *_, **__: f"nvsdata {args.command}: warning: {shown(message)}\n"
     log, handler = logging.getLogger("nvsdata"), logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
     level = log.level
@@ -129,13 +156,14 @@ def _told(args: argparse.Namespace) -> Iterator[None]:
     try:
         yield
     finally:
+        warnings.formatwarning = format_warning
         be_quiet(False)
         log.removeHandler(handler)
         log.setLevel(level)
 
 
-def _words(line: str) -> list[str]:
-    """The words after the program's name in a line that isn't finished."""
+def _split_line(line: str) -> list[str]:
+    """Return the words after the program's name of an unfinished command line."""
     try:
         return shlex.split(line)[1:]
     except ValueError:
@@ -143,7 +171,7 @@ def _words(line: str) -> list[str]:
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
-    """Answer a shell that asks how a line may go on, if argcomplete is installed."""
+    """Complete a command line for the shell, if argcomplete is installed."""
     if "_ARGCOMPLETE" in os.environ:
         try:
             import argcomplete
@@ -153,7 +181,10 @@ def _complete(parser: argparse.ArgumentParser) -> None:
 
 
 def _open_standard_streams() -> None:
-    """Open those that a shell closed: the next file opened would get one of their numbers, and be printed to."""
+    """Open standard streams that a shell has closed.
+
+    Otherwise the next file would get the number of one of them, and messages would be written into it.
+    """
     for number in range(3):
         try:
             os.fstat(number)
@@ -165,7 +196,7 @@ def _open_standard_streams() -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are printable, on one line, without the list of all options."""
+    """Parser with short errors: one printable line, and a pointer to `--help`."""
 
     def error(self, message: str) -> NoReturn:
         from nvsdata.common.errors import shown
@@ -174,14 +205,14 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _CommandParser(_Parser):
-    """A parser of one command, whose options may stand before, between and after its arguments."""
+    """Parser of one command, whose options may be before, between and after its arguments."""
 
     _mixing = False
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         found, left = super().parse_known_args(args, namespace)
-        # an argument that may be left out counts as left out at the first option; argparse's way around that calls
-        # this method, and doesn't know `--`
+        # argparse treats an optional argument as missing at the first option; its parser for mixed arguments calls
+        # this method, and doesn't support `--`
         if self._mixing or not left or "--" in args or "_ARGCOMPLETE" in os.environ:
             return found, left
         self._mixing = True
@@ -192,21 +223,21 @@ class _CommandParser(_Parser):
 
 
 def _parser(called: str) -> argparse.ArgumentParser:
-    """The parser of all commands, with the options of the one that is `called`."""
+    """Return the parser of all commands; only the command `called` gets its options."""
     from nvsdata._version import __version__
     from nvsdata.commands.options import Help
 
     parser = _Parser(prog="nvsdata", description="Datasets, transforms and models for event cameras.", epilog=CODES)
-    # escape sequences of argparse's own (Python 3.14) would be escaped, too
+    # the colors of argparse (Python 3.14) would be escaped
     vars(parser)["color"] = False
     parser.add_argument("--version", action="version", version=f"nvsdata {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_CommandParser)
     for name, command in COMMANDS.items():
-        whole = f"{command.help[0].upper()}{command.help[1:]}."
-        one = commands.add_parser(name, help=command.help, description=whole, epilog=CODES, formatter_class=Help)
-        much = one.add_mutually_exclusive_group()
-        much.add_argument("-q", "--quiet", action="store_true", help="only results and faults, no progress")
-        much.add_argument("-v", "--verbose", action="store_true", help="tell each step, with the time")
+        description = f"{command.help[0].upper()}{command.help[1:]}."
+        one = commands.add_parser(name, help=command.help, description=description, epilog=CODES, formatter_class=Help)
+        verbosity = one.add_mutually_exclusive_group()
+        verbosity.add_argument("-q", "--quiet", action="store_true", help="print only results and errors")
+        verbosity.add_argument("-v", "--verbose", action="store_true", help="print each step with the time")
         if name == called:
             module = import_module(f"nvsdata.commands.{command.module}")
             module.add_arguments(one)

@@ -1,13 +1,13 @@
-"""Which settings of graphs, networks and training decide about accuracy, on N-MNIST.
+"""Ablation study on N-MNIST: the effect of settings of graphs, networks and training on accuracy.
 
     python recipes/ablation.py --root N-MNIST --out runs/ablation
     python recipes/ablation.py --root N-MNIST --out runs/ablation --only k pseudo --seeds 0 --epochs 40 --jobs 2
 
-Each group changes one setting of the defaults of `train_objects.py`, all else being equal; with --seeds, each choice is
-trained once per seed. A fifth of each class is held back, the same for all. OUT/runs.jsonl gets a JSON line per run:
-accuracy of one window and of the vote of five, and, of one core's time, ms per window from file to class and minutes of
-training. A run that is stopped continues with what is missing. Each group becomes a table and a chart;
-OUT/front-window_ms.png and OUT/front-minutes.png show the settings that none surpasses in accuracy at their cost.
+Each group changes one setting of the defaults of `train_objects.py`. Each choice is trained once per seed. A fifth of
+each class is the test set, the same for all. OUT/runs.jsonl gets a line of JSON per run: single-window accuracy,
+accuracy of 5-window voting, ms per window from file to class and minutes of training, both on one core. An interrupted
+study continues with the runs that are missing. Each group becomes a table and a chart; OUT/front-window_ms.png and
+OUT/front-minutes.png show the Pareto fronts of accuracy and cost.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from nvsdata.transforms.events.sampling import LITERAL_BETA
 
 DATASET = "n-mnist"
 VOTES, ROUNDS = 5, 5
-# graph, network and rates of the text; augmentation and epochs are as everywhere
+# graph, network and learning rate of the thesis; augmentation and epochs are those of all runs
 THESIS = {
     "k": 8,
     "depth": 3,
@@ -57,7 +57,7 @@ THESIS = {
 GROUPS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {"default": {}},
     "k": {f"k = {k}": {"k": k} for k in (1, 2, 4, 8)},
-    "metric": {"the author's": {}, "literal": {"beta": LITERAL_BETA}},
+    "metric": {"beta = (5e-6)^2": {}, "beta = 5e-6": {"beta": LITERAL_BETA}},
     "radius": {f"R = {radius}": {"radius": float(radius)} for radius in (2, 3, 4, 5, 7)},
     "degree": {f"D_max = {degree}": {"max_degree": degree} for degree in (4, 8, 16, 32)},
     "pseudo": {kind: {"pseudo": kind} for kind in ("abs", "signed", "signed-time")},
@@ -67,7 +67,7 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
         "age": {"features": ("age",)},
         **{name: {"features": (name,)} for name in ("mean5", "patch3", "patch5", "patch7")},
     },
-    "node itself": {
+    "self-loops": {
         "loops and root weight": {},
         "loops": {"root_weight": False},
         "root weight": {"loops": False},
@@ -89,8 +89,8 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
         "RG-CNN": {},
     },
     "thesis": {
-        "the text's": THESIS,
-        "and its literal metric": {**THESIS, "beta": LITERAL_BETA},
+        "of the thesis": THESIS,
+        "with beta = 5e-6": {**THESIS, "beta": LITERAL_BETA},
         "k = 8 alone": {"k": 8},
     },
 }
@@ -105,25 +105,25 @@ def main() -> None:
     with Journal(args.out / "runs.jsonl", {"nvsdata-ablation": 1, **fixed}) as journal:
         if {name: journal.head.get(name) for name in fixed} != fixed:
             differs = [name for name, value in fixed.items() if journal.head.get(name) != value]
-            raise ValueError(f"{journal.path} has runs of other {', '.join(differs)}: choose another folder")
+            raise ValueError(f"{journal.path} has runs with other {', '.join(differs)}: choose another folder")
         done = {(line["settings"], line["seed"]) for line in journal.lines}
         wanted = {
-            (named(changes), seed): changes
+            (label_of(changes), seed): changes
             for seed in args.seeds
             for group in args.only
             for changes in GROUPS[group].values()
         }
         waiting = [(changes, seed) for (name, seed), changes in wanted.items() if (name, seed) not in done]
-        print(f"{len(wanted) - len(waiting)} runs are there, {len(waiting)} are left")
-        for line in results(partial(trained, args.root, args.epochs), waiting, args.jobs):
+        print(f"{len(wanted) - len(waiting)} runs are done, {len(waiting)} are left")
+        for line in run_all(partial(train_and_test, args.root, args.epochs), waiting, args.jobs):
             journal.add(line)
             journal.lines.append(line)
             print(json.dumps(line), flush=True)
-        show(args.out, args.only, journal.lines)
+        report(args.out, args.only, journal.lines)
 
 
-def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
-    """The lines of runs, as they are done."""
+def run_all(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
+    """Yield the results of runs as they finish."""
     if jobs == 1:
         yield from starmap(work, waiting)
         return
@@ -132,9 +132,9 @@ def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) 
         for future in as_completed([pool.submit(work, *run) for run in waiting]):
             yield future.result()
     except BrokenProcessPool:
-        raise OSError("a process that trained was killed (out of memory?); run again to continue") from None
+        raise OSError("a training process was killed (out of memory?): run the command again to continue") from None
     except BaseException:
-        # otherwise the pool waits until they have trained
+        # otherwise the pool waits for the end of their training
         for worker in active_children():
             worker.terminate()
         raise
@@ -142,8 +142,8 @@ def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) 
         pool.shutdown(cancel_futures=True)
 
 
-def trained(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
-    """One run, and its line."""
+def train_and_test(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Train and test with changed settings; return the result as a line for runs.jsonl."""
     torch.set_num_threads(1)
     here = Team(torch.device("cpu"))
     protocol = replace(Objects(DATASET), **changes)
@@ -158,11 +158,11 @@ def trained(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict
         began = core_seconds()
         last = trainer.fit(train_set, lambda epoch: {})
         minutes = (core_seconds() - began) / 60
-    # voters are spread over the recording
+    # the windows that vote are spread over the recording
     shares = [halves.test(protocol.pipeline(training=False, within=(v / VOTES, (v + 1) / VOTES))) for v in range(VOTES)]
     found = votes(trainer.model, loader(ConcatDataset(shares), BATCH, here, last=ROUNDS), VOTES, here, ROUNDS)
     return {
-        "settings": named(changes),
+        "settings": label_of(changes),
         "seed": seed,
         "one": round(found.single, 4),
         "five": round(found.together, 4),
@@ -173,12 +173,12 @@ def trained(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict
 
 
 def core_seconds() -> float:
-    """Time on a core, of this process and those that have ended: other work on the machine doesn't count."""
+    """Return the CPU time in s of this process and its ended children; other programs don't count."""
     return sum(os.times()[:4])
 
 
-def named(changes: dict[str, Any]) -> str:
-    """Settings that differ from the defaults, in words."""
+def label_of(changes: dict[str, Any]) -> str:
+    """Return the settings that differ from the defaults as text."""
     own = Objects(DATASET).settings
     differ = {name: value for name, value in sorted(changes.items()) if value != own[name]}
     return ", ".join(f"{name} {value}" for name, value in differ.items()) or "default"
@@ -186,7 +186,7 @@ def named(changes: dict[str, Any]) -> str:
 
 @torch.no_grad()
 def window_ms(model: torch.nn.Module, test_set: Any) -> float:
-    """Time from a recording's window to its class on one core: the median over windows of 100 recordings."""
+    """Return the time in ms from a recording to the class of a window, on one core: the median of 100 recordings."""
     model.eval()
     times = []
     for index in range(min(100, len(test_set))):
@@ -197,30 +197,30 @@ def window_ms(model: torch.nn.Module, test_set: Any) -> float:
     return 1e3 * sorted(times)[len(times) // 2]
 
 
-def show(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
-    """Print a table per group, draw its chart, and draw the front of all runs."""
+def report(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
+    """Print a table and draw a chart of each group, and draw the Pareto fronts of all runs."""
     runs: dict[str, dict[str, float]] = {}
     for settings in dict.fromkeys(line["settings"] for line in lines):
         there = [line for line in lines if line["settings"] == settings]
-        runs[settings] = {name: mean(line[name] for line in there) for name in FIGURES} | {"seeds": len(there)}
+        runs[settings] = {name: mean(line[name] for line in there) for name in RESULTS} | {"seeds": len(there)}
     for group in groups:
-        found = {label: runs[named(c)] for label, c in GROUPS[group].items() if named(c) in runs}
+        found = {label: runs[label_of(c)] for label, c in GROUPS[group].items() if label_of(c) in runs}
         rows = [
-            [label, *(f"{values[name]:.3f}" for name in FIGURES), str(values["seeds"])]
+            [label, *(f"{values[name]:.3f}" for name in RESULTS), str(values["seeds"])]
             for label, values in found.items()
         ]
-        print(f"\n{aligned([[group, *FIGURES.values(), 'seeds'], *rows])}")
+        print(f"\n{aligned([[group, *RESULTS.values(), 'seeds'], *rows])}")
         if len(found) > 1:
             values = [run["five"] for run in found.values()]
-            picture = plots.points_chart(values, list(found), f"{group}: accuracy of five windows' vote", "")
-            plots.save_png(picture, out / f"{group.replace(' ', '-')}.png")
+            chart = plots.points_chart(values, list(found), f"{group}: accuracy of 5-window voting", "")
+            plots.save_png(chart, out / f"{group.replace(' ', '-')}.png")
     for cost, xlabel in (("window_ms", "ms per window"), ("minutes", "minutes of training on one core")):
         points = [(run[cost], run["one"]) for run in runs.values()]
-        picture = plots.tradeoff(points, list(runs), "accuracy and its cost", xlabel, "accuracy of one window")
-        plots.save_png(picture, out / f"front-{cost}.png")
+        chart = plots.tradeoff(points, list(runs), "accuracy and its cost", xlabel, "single-window accuracy")
+        plots.save_png(chart, out / f"front-{cost}.png")
 
 
-FIGURES = {"one": "one", "five": "five", "window_ms": "ms", "minutes": "minutes"}
+RESULTS = {"one": "single", "five": "5 votes", "window_ms": "ms", "minutes": "minutes"}
 
 
 def arguments() -> argparse.Namespace:
@@ -228,12 +228,19 @@ def arguments() -> argparse.Namespace:
     add = parser.add_argument
     add("--root", required=True, type=Path, help="folder or packed store of N-MNIST")
     add("--out", required=True, type=Path, help="folder for runs.jsonl and charts")
-    add("--only", nargs="+", choices=GROUPS, default=list(GROUPS), metavar="GROUP", help=f"of {', '.join(GROUPS)}")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], help="default 0 1 2")
-    add("--epochs", type=at_least_1, default=80, help="of each run (default 80)")
-    add("--jobs", type=at_least_1, default=1, help="runs at once, of one core each (default 1)")
+    add(
+        "--only",
+        nargs="+",
+        choices=GROUPS,
+        default=list(GROUPS),
+        metavar="GROUP",
+        help=f"groups to run, of {', '.join(GROUPS)} (default all)",
+    )
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], help="seeds of the trainings (default 0 1 2)")
+    add("--epochs", type=at_least_1, default=80, help="epochs of each run (default 80)")
+    add("--jobs", type=at_least_1, default=1, help="number of runs at the same time, on one core each (default 1)")
     return parser.parse_args()
 
 
 if __name__ == "__main__":
-    run(main, "run again to continue")
+    run(main, "run the command again to continue")

@@ -1,14 +1,15 @@
-"""What a network sees in a recording that goes on: a line of JSON per decision.
+"""Classify a stream of events: a line of JSON per decision.
 
     python recipes/classify_stream.py 00112.bin --model runs/digits/model.safetensors
     python recipes/classify_stream.py 00112.bin --model runs/digits/model.safetensors --speed 1 --every 500
 
-Events come in pieces of --every µs; the network follows them (docs/streaming.md) in the window, on the graph and with
-the sampler that it was trained with. With --speed they come as fast as they were recorded, or so many times faster: a
-decision that is late by more than --behind µs is skipped, events never are, and each line says how late it is.
+The network gets the events in pieces of --every µs and updates its scores incrementally (docs/streaming.md), with the
+window, the graph and the sampling of its training. With --speed X the events arrive X times as fast as they were
+recorded. Then a decision that is late by more than --behind µs is skipped, but no event is.
 
-A line has `time` (µs, the recording's), `class`, `probability`, `events` in the window, `work` (µs since the last
-decision) and, with --speed, `behind` (µs) and `skipped` (decisions before it).
+A line has `time` (µs, in the recording's clock), `class`, `probability`, `events` (number in the window), `work`
+(computing time in µs since the last decision) and, with --speed, `behind` (delay in µs) and `skipped` (number of
+skipped decisions before this one).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def main() -> None:
 def decisions(
     decider: models.OnlineClassifier, events: Events, *, every: int, speed: float | None, behind: int
 ) -> Iterator[dict[str, Any]]:
-    """A line per decision."""
+    """Yield a line of results for each decision."""
     began, skipped = time.perf_counter(), 0
     for start in range(events.start, events.end + 1, every):
         piece = events.window(start, start + every)
@@ -59,12 +60,14 @@ def decisions(
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("recording", type=Path)
-    add("--model", type=Path, required=True, help="of `nvsdata.models.save`, with its transform")
+    add("recording", type=Path, help="recording to classify")
+    add("--model", type=Path, required=True, help="file of `nvsdata.models.save`, with its transform")
     add("--every", type=at_least_1, default=1_000, help="µs between decisions (default 1,000)")
-    add("--window", type=at_least_1, help="µs that the network sees (default: as it was trained)")
-    add("--speed", type=positive, help="times the recording's own (default: as fast as possible)")
-    add("--behind", type=at_least_1, default=10_000, help="µs by which a decision may be late (default 10,000)")
+    add("--window", type=at_least_1, help="length of the window in µs (default: that of the training)")
+    add(
+        "--speed", type=positive, help="speed relative to the recording, 1 for real time (default: as fast as possible)"
+    )
+    add("--behind", type=at_least_1, default=10_000, help="largest delay of a decision in µs (default 10,000)")
     return parser.parse_args()
 
 

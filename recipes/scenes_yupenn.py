@@ -2,10 +2,10 @@
 
     python recipes/scenes_yupenn.py --root YUPENN-DVS --out runs/yupenn
 
-Leave one out: one training per recording (420 for YUPENN-DVS), by the protocol of `train_actions.py`. --folds FIRST
-LAST leaves out recordings FIRST to LAST - 1 only, so that several machines can share the work. OUT receives a line per
-recording in `log.jsonl` and a folder with the log of each training; --resume continues a stopped run. Printed at the
-end: the accuracy, and the variance of the scenes' accuracies.
+Leave-one-out: a network is trained for each recording (420 in YUPENN-DVS), by the protocol of `train_actions.py`.
+--folds FIRST LAST leaves out only recordings FIRST to LAST - 1, so that several machines can share the trainings. OUT
+gets a line for each recording in `log.jsonl`, and a folder with the log of each training. --resume continues an
+interrupted run. The accuracy, and the variance of the scenes' accuracies, are printed at the end.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from flags import actions_of, add_actions, run_of
+from training_options import actions_of, add_actions, run_of
 
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
@@ -37,7 +37,7 @@ def main() -> None:
     with team(args.device) as here, here.claiming(args.out), ExitStack() as stack:
         if here.rank == 0 and not args.resume:
             log.unlink(missing_ok=True)
-        # other processes read the journal once the first has removed an old one
+        # other processes read the journal after the first has removed an old one
         here.barrier()
         journal = Journal(log, {"protocol": repr(protocol), "epochs": args.epochs})
         here.barrier()
@@ -49,14 +49,14 @@ def main() -> None:
         done = {line["fold"] for line in lines}
         for fold in range(first, min(last, len(everything))):
             if fold not in done:
-                lines.append(left_out(args, protocol, fold, here))
+                lines.append(leave_out(args, protocol, fold, here))
                 here.print(json.dumps(lines[-1]))
                 if here.rank == 0:
                     journal.add(lines[-1])
         here.print(json.dumps(summary(lines)))
 
 
-def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team) -> dict[str, Any]:
+def leave_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team) -> dict[str, Any]:
     """Train on all recordings but one, and predict the scene of that one."""
     torch.manual_seed(args.seed)
     train_set = YUPENNDVS(args.root, "train", fold=fold, transform=protocol.pipeline(training=True))
@@ -71,16 +71,16 @@ def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team)
 
 
 def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
-    """Accuracy over all recordings; mean and variance of the scenes' accuracies."""
+    """Return the accuracy over all recordings, and the mean and variance of the scenes' accuracies."""
     right = defaultdict(list)
     for line in lines:
         right[line["scene"]].append(line["scene"] == line["named"])
-    shares = [statistics.fmean(answers) for answers in right.values()]
+    accuracies = [statistics.fmean(answers) for answers in right.values()]
     return {
         "recordings": len(lines),
         "accuracy": statistics.fmean(line["scene"] == line["named"] for line in lines) if lines else None,
-        "mean_of_scenes": statistics.fmean(shares) if shares else None,
-        "variance_of_scenes": statistics.pvariance(shares) if shares else None,
+        "mean_of_scenes": statistics.fmean(accuracies) if accuracies else None,
+        "variance_of_scenes": statistics.pvariance(accuracies) if accuracies else None,
         "scenes": {scene: statistics.fmean(answers) for scene, answers in sorted(right.items())},
     }
 
@@ -88,10 +88,16 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--root", required=True, type=Path, help="YUPENN-DVS, or a store made from it by `nvsdata pack`")
+    add("--root", required=True, type=Path, help="folder of YUPENN-DVS, or a store that `nvsdata pack` made from it")
     add("--out", required=True, type=Path, help="folder for logs and checkpoints")
-    add("--folds", type=int, nargs=2, metavar=("FIRST", "LAST"), help="recordings to leave out (default: each)")
-    add("--votes", type=at_least_1, default=1, help="random draws of the left-out recording that vote (default 1)")
+    add(
+        "--folds",
+        type=int,
+        nargs=2,
+        metavar=("FIRST", "LAST"),
+        help="range of recordings to leave out, without LAST (default: all)",
+    )
+    add("--votes", type=at_least_1, default=1, help="random samples of the left-out recording that vote (default 1)")
     add_actions(parser)
     return parser.parse_args()
 

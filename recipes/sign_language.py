@@ -1,18 +1,19 @@
-"""Train on gray videos or emulated recordings and test on real ones: Table 3.5 (thesis section 3.5.2).
+"""Train on gray videos or emulated recordings, and test on real ones (thesis section 3.5.2, Table 3.5).
 
     nvsdata convert-videos LETTERS --out LETTERS-emulated --size 240x180
     python recipes/sign_language.py --real LETTERS-DVS --emulated LETTERS-emulated --videos LETTERS --out runs/signs
 
-Each folder has a folder of recordings, or videos, for each letter; all of them are trained or tested on. Three
-consecutive frames take the place of red, green and blue in VGG-16: of summed polarity over 1 / --fps s, or of the video
-in gray. A camera's frames are denoised by the median of 2x2 pixels. The smaller side is scaled to 256; multi-scale
-crops of 224x224, flipped at random. Gradient descent with momentum from 0.001, tenfold less after each third of 15,000
-iterations; dropout of 0.8 and a weight decay of 0.005 in the first two fully connected layers. Tested on 5 random
-triples of frames of each recording, by their most active square.
+Each folder has a subfolder of recordings, or videos, for each letter. VGG-16 is trained on all of --emulated and
+--videos, and tested on all of --real. Its three input channels are consecutive frames: sums of polarity over 1 / --fps
+s, or gray frames of a video. Frames of a camera are denoised by the median of 2x2 pixels. The smaller side is scaled to
+256 pixels. Training takes multi-scale crops of 224x224, flipped at random. The optimizer is gradient descent with
+momentum; its learning rate begins at 0.001 and is divided by 10 after each third of 15,000 iterations. The first two
+fully connected layers have a dropout of 0.8 and a weight decay of 0.005. Tests average 5 random triples of frames of
+each recording, cropped to the most active square.
 
-The thesis begins with weights trained on ImageNet, which aren't part of nvsdata: --weights reads those of torchvision's
-vgg16. Without them the training begins at random. OUT receives the trainings' logs and checkpoints, and `table.json`;
---resume goes on with a run that was stopped.
+The thesis begins with weights trained on ImageNet, which aren't part of nvsdata. --weights reads those of torchvision's
+vgg16; without it the weights are random at first. OUT gets the logs, the checkpoints and `table.json`. --resume
+continues an interrupted run.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from flags import add_run
 from torch.utils.data import Dataset
+from training_options import add_run
 
 from nvsdata import EventFolder, models
 from nvsdata import transforms as T
@@ -46,7 +47,7 @@ def main() -> None:
     if not (args.videos or args.emulated):
         raise SystemExit("nothing to train on: give --emulated, --videos or both")
     with team(args.device) as here, here.claiming(args.out):
-        test_set = EventFolder(args.real, transform=seen(args))
+        test_set = EventFolder(args.real, transform=test_transform(args))
         table = {}
         if args.videos:
             gray = GrayVideos(args.videos, T.Compose([T.RandomTemporalCrop(FRAMES), *augmented()]))
@@ -57,7 +58,7 @@ def main() -> None:
             data = data_of(emulated, test_set, args.seed)
             table["emulated"] = accuracy(args, emulated, data, test_set, args.out / "emulated", here)
         here.print("trained on, tested on real recordings:")
-        here.print("\n".join(f"{source:12}{share:8.2%}" for source, share in table.items()))
+        here.print("\n".join(f"{source:12}{accuracy_:8.2%}" for source, accuracy_ in table.items()))
         if here.rank == 0:
             put(args.out / "table.json", json.dumps(table, indent=1).encode())
 
@@ -65,14 +66,14 @@ def main() -> None:
 def accuracy(
     args: argparse.Namespace, train_set: Any, data: dict[str, Any], test_set: EventFolder, out: Path, here: Team
 ) -> float:
-    """Train VGG-16, and give the share of real recordings that it names right."""
+    """Train VGG-16, and return its accuracy on real recordings."""
     if train_set.classes != test_set.classes:
         raise SystemExit(f"{args.real} has the classes {test_set.classes}, not {train_set.classes}")
     torch.manual_seed(args.seed)
     epochs = max(1, -(-args.iterations // -(-len(train_set) // args.batch)))
     model = models.reference.VGG(len(test_set.classes), layers=16, in_channels=FRAMES, dropout=0.8)
     if args.weights:
-        start_from(model, args.weights)
+        load_weights(model, args.weights)
     model = model.to(here.device)
     full = [layer for layer in model.classify if isinstance(layer, torch.nn.Linear)]
     optimizer, schedule = sgd(model, args.rate, max(1, round(epochs / 3)), epochs, decay=5e-3, decayed=full[:2])
@@ -82,13 +83,17 @@ def accuracy(
     here.print(f"{out.name}: {len(train_set)} to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
     batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes)
-    share = accuracies(model, batches, args.votes, here)[1]
-    trainer.publish(test_set.classes, test_set.transform, metrics | {"test_accuracy_votes": share})
-    return share
+    accuracy_ = accuracies(model, batches, args.votes, here)[1]
+    trainer.publish(test_set.classes, test_set.transform, metrics | {"test_accuracy_votes": accuracy_})
+    return accuracy_
 
 
-def start_from(model: models.reference.VGG, path: Path) -> None:
-    """Take over the weights of torchvision's vgg16 but for the last layer; ValueError if they don't fit."""
+def load_weights(model: models.reference.VGG, path: Path) -> None:
+    """Load the weights of torchvision's vgg16 except the last layer.
+
+    Raises:
+        ValueError: The file has other weights.
+    """
     given = torch.load(path, map_location="cpu", weights_only=True)
     # torchvision's names; its layers are the same, in the same order
     renamed = {
@@ -103,7 +108,14 @@ def start_from(model: models.reference.VGG, path: Path) -> None:
 
 
 class GrayVideos(Dataset[tuple[Any, int]]):
-    """Videos below a folder for each class: all frames in gray, float32 [frames, H, W], and the class."""
+    """Dataset of videos in a subfolder for each class.
+
+    A sample has all frames in gray, float32 [frames, H, W], after the transform, and the class.
+
+    Args:
+        root: Folder of the videos.
+        transform: Function of the frames.
+    """
 
     def __init__(self, root: Path, transform: Any) -> None:
         found = videos_in(root, root)
@@ -117,40 +129,40 @@ class GrayVideos(Dataset[tuple[Any, int]]):
 
     def __getitem__(self, index: int) -> tuple[Any, int]:
         path = self.paths[index]
-        pictures = [frame.pixels for frame in frames_of(path, color=False)]
-        gray = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) if p.ndim == 3 else p for p in pictures]
+        images = [frame.pixels for frame in frames_of(path, color=False)]
+        gray = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) if p.ndim == 3 else p for p in images]
         frames = torch.from_numpy(np.stack(gray).astype(np.float32))
         return self.transform(frames), self.classes.index(path.parent.name)
 
 
 def triples(args: argparse.Namespace) -> list[Any]:
-    """From a recording to three consecutive frames [3, H, W], at a random place."""
+    """Return transforms from a recording to three consecutive frames [3, H, W] at a random time."""
     return [T.ToFrames(fps=args.fps, values="sum"), T.RandomTemporalCrop(FRAMES)]
 
 
 def augmented() -> list[Any]:
-    """From three frames to the network's input [3, 224, 224], in training."""
+    """Return transforms from three frames to the network's input [3, 224, 224], for training."""
     return [T.Resize(SMALLER_SIDE), T.RandomCrop(SIZE, SCALES), T.RandomFlip(), T.Normalize()]
 
 
-def seen(args: argparse.Namespace) -> T.Compose:
-    """From a real recording to the network's input [3, 224, 224]."""
+def test_transform(args: argparse.Namespace) -> T.Compose:
+    """Return the transform from a real recording to the network's input [3, 224, 224], for tests."""
     return T.Compose([*triples(args), T.MedianDenoise(), T.Resize(SMALLER_SIDE), T.MotionCrop(SIZE), T.Normalize()])
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--real", required=True, type=Path, help="recordings of a camera")
-    add("--emulated", type=Path, help="emulated recordings")
-    add("--videos", type=Path, help="videos, trained on in gray")
-    add("--out", required=True, type=Path, help="where logs, checkpoints and the table go")
-    add("--weights", type=Path, help="of torchvision's vgg16 on ImageNet (default: random ones)")
+    add("--real", required=True, type=Path, help="folder of recordings of a camera")
+    add("--emulated", type=Path, help="folder of emulated recordings to train on")
+    add("--videos", type=Path, help="folder of videos to train on, in gray")
+    add("--out", required=True, type=Path, help="folder for logs, checkpoints and the table")
+    add("--weights", type=Path, help="weights of torchvision's vgg16, trained on ImageNet (default: random weights)")
     add("--fps", type=float, default=30.0, help="frames per second (default 30)")
-    add("--iterations", type=at_least_1, default=15_000)
+    add("--iterations", type=at_least_1, default=15_000, help="training steps (default 15,000)")
     add("--rate", type=float, default=1e-3, help="learning rate at the start (default 0.001)")
-    add("--batch", type=at_least_1, default=32)
-    add("--votes", type=at_least_1, default=5, help="triples of frames of a recording that vote (default 5)")
+    add("--batch", type=at_least_1, default=32, help="samples per step (default 32)")
+    add("--votes", type=at_least_1, default=5, help="random triples of frames of each recording that vote (default 5)")
     add_run(parser)
     return parser.parse_args()
 

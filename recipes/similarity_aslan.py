@@ -3,10 +3,11 @@
     python recipes/train_actions.py --dataset ucf101-dvs --root UCF101-DVS --graphs 16 --out runs/ucf101
     python recipes/similarity_aslan.py --root ASLAN-DVS --model runs/ucf101/model.safetensors --out runs/aslan
 
-A network trained to recognize actions gives two features per recording: the last pooling and its global average,
-L2-normalized. For a pair, the 12 similarities of Table 5.4 of each feature go into a support vector machine with a
-radial kernel, trained on nine of View 2's ten subsets and tested on the tenth. OUT receives the features (computed
-once, so a stopped run continues), a line per subset in `log.jsonl`, and the ROC curve over all subsets, `roc.png`.
+A network trained to recognize actions computes two features per recording, each L2-normalized: the output of its last
+pooling, and the global average of that output. For a pair of recordings, the 12 similarities of Table 5.4 of each
+feature are the input of a support vector machine with a radial basis function kernel. It is trained on nine of the ten
+subsets of ASLAN's "View 2", and tested on the tenth. OUT gets the features, a line for each subset in `log.jsonl`, and
+the ROC curve over all subsets in `roc.png`. An interrupted run continues with the features that are missing.
 """
 
 from __future__ import annotations
@@ -35,25 +36,25 @@ def main() -> None:
     args = arguments()
     trained = models.load(args.model, device=args.device)
     if not hasattr(trained.model, "features") or trained.transform is None:
-        raise SystemExit(f"{args.model} gives no features of sequences: train a network with train_actions.py")
+        raise SystemExit(f"{args.model} can't compute features of sequences: train a network with train_actions.py")
     pairs = ASLANDVS(args.root, "all")
-    # features of different networks are kept apart
+    # each network has a separate folder of features
     where = args.out / "features" / hashlib.sha256(args.model.read_bytes()).hexdigest()[:16]
     where.mkdir(parents=True, exist_ok=True)
     with claimed(args.out):
-        compared(args, pairs, trained, where)
+        classify_pairs(args, pairs, trained, where)
 
 
-def compared(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained, where: Path) -> None:
-    """Classify pairs by features kept in `where`, and write the accuracies."""
+def classify_pairs(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained, where: Path) -> None:
+    """Classify pairs by the features in the folder `where`, and write the accuracies."""
     extract(pairs, trained, where, args)
-    described = np.stack([description(pair, where) for pair in bar(pairs.samples, "similarities")])
+    inputs = np.stack([similarities_of(pair, where) for pair in bar(pairs.samples, "similarities")])
     same, folds = np.array(pairs.targets), np.array(pairs.folds)
     scores, lines = np.zeros(len(same)), []
     for fold in sorted(set(pairs.folds)):
         held = folds == fold
-        scores[held] = machine(described[~held], same[~held], described[held], args.seed)
-        lines.append({"fold": fold, "pairs": int(held.sum()), **figures(scores[held], same[held])})
+        scores[held] = svm_scores(inputs[~held], same[~held], inputs[held], args.seed)
+        lines.append({"fold": fold, "pairs": int(held.sum()), **accuracy_and_auc(scores[held], same[held])})
         print(json.dumps(lines[-1]))
     lines.append({"folds": len(lines), **over_folds(lines, "accuracy"), **over_folds(lines, "auc")})
     print(json.dumps(lines[-1]))
@@ -62,7 +63,7 @@ def compared(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained,
 
 
 def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, args: argparse.Namespace) -> None:
-    """Write the features of each recording of a pair unless they exist: last pooling, and its global average."""
+    """Write the features of each recording unless they exist: output of the last pooling, and its global average."""
     names = sorted({name for pair in pairs.samples for name in (pair.a, pair.b)})
     recordings = SeededDataset(_Recordings(pairs, names, trained.transform), args.seed)
     device = next(trained.model.parameters()).device
@@ -79,7 +80,7 @@ def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, args: argpars
 
 
 class _Recordings:
-    """The network's inputs from recordings by name, in batches of one."""
+    """Sequence of the network's inputs: a batch of one for each recording."""
 
     def __init__(self, pairs: ASLANDVS, names: list[str], transform: Any) -> None:
         self.pairs, self.names, self.transform = pairs, names, transform
@@ -88,8 +89,8 @@ class _Recordings:
         return collate([(self.transform(self.pairs.open_recording(self.names[index])), 0)])[0]
 
 
-def description(pair: Any, where: Path) -> np.ndarray:
-    """The 24 similarities of a pair."""
+def similarities_of(pair: Any, where: Path) -> np.ndarray:
+    """Return the 24 similarities of a pair."""
     a, b = (np.load(where / _file(name)) for name in (pair.a, pair.b))
     with a, b:
         return np.concatenate([similarities(a[key], b[key]) for key in a.files])
@@ -99,8 +100,8 @@ def _file(name: str) -> str:
     return name.replace("/", "+") + ".npz"
 
 
-def machine(train: np.ndarray, same: np.ndarray, test: np.ndarray, seed: int) -> np.ndarray:
-    """Scores of `test`, above 0 for the same action, by a support vector machine with C and gamma chosen on `train`."""
+def svm_scores(train: np.ndarray, same: np.ndarray, test: np.ndarray, seed: int) -> np.ndarray:
+    """Return scores of `test`, above 0 for the same action, by an SVM whose C and gamma are chosen on `train`."""
     center, spread = train.mean(0), train.std(0)
     train, test = (((part - center) / np.where(spread > 0, spread, 1)).astype(np.float32) for part in (train, test))
     cv2.setRNGSeed(seed)
@@ -110,42 +111,43 @@ def machine(train: np.ndarray, same: np.ndarray, test: np.ndarray, seed: int) ->
     svm.trainAuto(train, cv2.ml.ROW_SAMPLE, same.astype(np.int32), kFold=5)
     raw = svm.predict(test, flags=cv2.ml.StatModel_RAW_OUTPUT)[1].ravel()
     named = svm.predict(test)[1].ravel()
-    # OpenCV doesn't define which class has positive values
+    # OpenCV doesn't document which class has positive values
     sign = 1.0 if ((raw > 0) == (named > 0)).mean() > 0.5 else -1.0
     return sign * raw
 
 
-def figures(scores: np.ndarray, same: np.ndarray) -> dict[str, Any]:
-    """Accuracy, and area under the ROC curve, which needs pairs of both kinds."""
+def accuracy_and_auc(scores: np.ndarray, same: np.ndarray) -> dict[str, Any]:
+    """Return the accuracy, and the area under the ROC curve, or None if all pairs are of one kind."""
     area = area_under_roc(scores, same) if 0 < same.sum() < len(same) else None
     return {"accuracy": float(((scores > 0) == (same == 1)).mean()), "auc": area}
 
 
 def over_folds(lines: list[dict[str, Any]], name: str) -> dict[str, float]:
-    """Mean and standard deviation over the subsets."""
+    """Return the mean and standard deviation over the subsets."""
     values = [line[name] for line in lines if line.get(name) is not None]
     return {name: float(np.mean(values)), f"{name}_deviation": float(np.std(values))}
 
 
 def draw(scores: np.ndarray, same: np.ndarray, path: Path) -> None:
-    """Draw the ROC curve and that of chance."""
+    """Draw the ROC curve, and that of random guesses."""
     rate = np.linspace(0, 1, 201)
     false, true = roc(scores, same)
-    lines = [("12 x 2 similarities", np.interp(rate, false, true).tolist()), ("chance", rate.tolist())]
-    picture = plots.curves(lines, "true positive rate", "false positive rate", (560, 520), ends=(0.0, 1.0))
-    plots.save_png(picture, path)
+    lines = [("12 x 2 similarities", np.interp(rate, false, true).tolist()), ("random", rate.tolist())]
+    chart = plots.curves(lines, "true positive rate", "false positive rate", (560, 520), ends=(0.0, 1.0))
+    plots.save_png(chart, path)
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--root", required=True, type=Path, help="ASLAN-DVS, with View2.mat or aslan_pairs.csv")
+    add("--root", required=True, type=Path, help="folder of ASLAN-DVS, with View2.mat or aslan_pairs.csv")
     add("--model", required=True, type=Path, help="model.safetensors of train_actions.py")
-    add("--out", required=True, type=Path, help="folder for features, log and picture")
-    add("--seed", type=int, default=0)
-    add("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    add("--out", required=True, type=Path, help="folder for features, log and plot")
+    add("--seed", type=int, default=0, help="seed of the samples and of the SVM (default 0)")
+    text = "device of torch (default: a GPU if there is one, else cpu)"
+    add("--device", default="cuda" if torch.cuda.is_available() else "cpu", help=text)
     return parser.parse_args()
 
 
 if __name__ == "__main__":
-    run(main, "the same command continues")
+    run(main, "run the command again to continue")

@@ -1,17 +1,17 @@
-"""Train and test on real and on emulated recordings: the four cells of Table 3.4 (thesis section 3.5.1).
+"""Train on real or emulated recordings, and test on both (thesis section 3.5.1, Table 3.4).
 
     nvsdata convert-videos UCF50 --out UCF50-emulated --size 240x180
     python recipes/transfer_emulated.py --real UCF50-DVS --emulated UCF50-emulated --out runs/transfer
 
-Both folders have the same classes and recordings; --dataset determines how they are split. Polarity is summed over
-frames of 1 / --fps s, averaged over 8x8 pixels and scaled to 40x30. From 160 consecutive frames, multi-scale crops of
-24x24, flipped at random, go into the 3D CNN for motion vectors. Gradient descent with momentum and a weight decay of
-0.0005, for 50,000 iterations, its rate divided by 10 every 20,000. Tests use 5 random volumes per recording and the
-mean over the most active and the middle crop, each as it is and mirrored.
+Both folders have the same classes and recordings; --dataset determines the split. Polarity is summed to frames of 1 /
+--fps s, averaged over 8x8 pixels and scaled to 40x30. The input of the 3D CNN for motion vectors is a clip of 160
+consecutive frames, in multi-scale crops of 24x24 that are flipped at random. It is trained by gradient descent with
+momentum and a weight decay of 0.0005, for 50,000 iterations; the learning rate is divided by 10 every 20,000. Tests use
+5 random clips of each recording, and the mean over the most active and the center crop, each also mirrored.
 
-With --digits first, it is `recipes/transfer_digits.py`: scikit-learn's digits, emulated, and N-MNIST's.
+With --digits as first argument, this runs `recipes/transfer_digits.py`: scikit-learn's digits, emulated, and N-MNIST.
 
-OUT receives the trainings' logs and checkpoints, and `table.json`; --resume continues a stopped run.
+OUT gets logs, checkpoints and `table.json`. --resume continues an interrupted run.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def main() -> None:
             raise SystemExit(f"{args.real} and {args.emulated} don't have the same classes")
         table = {}
         for source in KINDS:
-            model = trained(args, data[source], args.out / source, here)
+            model = train(args, data[source], args.out / source, here)
             for target in KINDS:
                 test_set = data[target].test(test_pipeline(args))
                 batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes)
@@ -62,54 +62,58 @@ def main() -> None:
             put(args.out / "table.json", json.dumps(table, indent=1).encode())
 
 
-def trained(args: argparse.Namespace, halves: TrainTestSplit, out: Path, here: Team) -> torch.nn.Module:
-    """The 3D CNN, trained on one kind of recordings."""
+def train(args: argparse.Namespace, split: TrainTestSplit, out: Path, here: Team) -> torch.nn.Module:
+    """Train the 3D CNN on one kind of recordings."""
     torch.manual_seed(args.seed)
-    train_set = halves.train(train_pipeline(args))
+    train_set = split.train(train_pipeline(args))
     steps = -(-len(train_set) // args.batch)
     epochs = max(1, -(-args.iterations // steps))
-    model = models.reference.MotionVector3D(len(halves.classes), frames=args.frames, size=SIZE).to(here.device)
+    model = models.reference.MotionVector3D(len(split.classes), frames=args.frames, size=SIZE).to(here.device)
     optimizer, schedule = sgd(model, args.rate, max(1, round(epochs * 20 / 50)), epochs, decay=5e-4)
     options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-    data = halves.data | {"protocol": repr(train_pipeline(args))}
+    data = split.data | {"protocol": repr(train_pipeline(args))}
     trainer = Trainer(model, optimizer, schedule, out, data=data, **options)
     here.print(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
     # the published model uses one crop, because windows of a recording vote
-    trainer.publish(halves.classes, T.Compose([*volumes(args), T.MotionCrop(SIZE), T.Normalize()]), metrics)
+    trainer.publish(split.classes, T.Compose([*clips(args), T.MotionCrop(SIZE), T.Normalize()]), metrics)
     return model
 
 
 class FourCropped:
-    """Scores of a recording: the logarithm of the mean of its four crops' probabilities."""
+    """Network that averages the probabilities of four crops, and returns their logarithm.
+
+    Args:
+        model: Network for single crops.
+    """
 
     def __init__(self, model: torch.nn.Module) -> None:
         self.model = model.eval()
 
     def __call__(self, crops: torch.Tensor) -> torch.Tensor:
-        """[B, 4, T, H, W] to [B, num_classes]."""
+        """Return scores [B, num_classes] of crops [B, 4, T, H, W]."""
         scores = self.model(crops.flatten(0, 1)).view(*crops.shape[:2], -1)
         mean: torch.Tensor = scores.softmax(2).mean(1).clamp(min=1e-12).log()
         return mean
 
 
-def volumes(args: argparse.Namespace) -> list[Any]:
-    """From a recording to the frames of a random volume, [T, H, W]."""
+def clips(args: argparse.Namespace) -> list[Any]:
+    """Return transforms from a recording to a random clip of frames [T, H, W]."""
     return [T.ToFrames(fps=args.fps, values="sum", factor=8), T.Resize(SMALLER_SIDE), T.RandomTemporalCrop(args.frames)]
 
 
 def train_pipeline(args: argparse.Namespace) -> T.Compose:
-    """[T, 24, 24], augmented."""
-    return T.Compose([*volumes(args), T.RandomCrop(SIZE, SCALES), T.RandomFlip(), T.Normalize()])
+    """Return the transform for training, from a recording to an augmented clip [T, 24, 24]."""
+    return T.Compose([*clips(args), T.RandomCrop(SIZE, SCALES), T.RandomFlip(), T.Normalize()])
 
 
 def test_pipeline(args: argparse.Namespace) -> T.Compose:
-    """[4, T, 24, 24]."""
-    return T.Compose([*volumes(args), T.FourCrops(SIZE), T.Normalize()])
+    """Return the transform for tests, from a recording to four crops of a clip [4, T, 24, 24]."""
+    return T.Compose([*clips(args), T.FourCrops(SIZE), T.Normalize()])
 
 
 def as_text(table: dict[str, float]) -> str:
-    """The table, as in the thesis: rows trained on, columns tested on."""
+    """Return the table as text: a row for each training set, a column for each test set."""
     lines = [f"{'trained on':12}{'real':>10}{'emulated':>10}"]
     lines += [f"{s:12}" + "".join(f"{table[f'{s} -> {t}']:10.2%}" for t in KINDS) for s in KINDS]
     return "\n".join(lines)
@@ -118,20 +122,25 @@ def as_text(table: dict[str, float]) -> str:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--real", required=True, type=Path, help="recordings by a camera")
-    add("--emulated", required=True, type=Path, help="the same recordings, emulated")
+    add("--real", required=True, type=Path, help="folder of recordings of a camera")
+    add("--emulated", required=True, type=Path, help="folder of the same recordings, emulated")
     add("--out", required=True, type=Path, help="folder for logs, checkpoints and the table")
-    add("--dataset", choices=sorted(DATASETS), default="ucf50-dvs", help="default ucf50-dvs")
-    add("--fold", type=int, help="the dataset's split (default 1)")
+    add(
+        "--dataset",
+        choices=sorted(DATASETS),
+        default="ucf50-dvs",
+        help="dataset that determines classes and splits (default ucf50-dvs)",
+    )
+    add("--fold", type=int, help="number of the train/test split (default 1)")
     add("--fps", type=float, default=25.0, help="frames per second (default 25, like UCF50's videos)")
-    add("--frames", type=at_least_1, default=160, help="frames per volume (default 160)")
-    add("--iterations", type=at_least_1, default=50_000)
+    add("--frames", type=at_least_1, default=160, help="frames of a clip (default 160)")
+    add("--iterations", type=at_least_1, default=50_000, help="training steps (default 50,000)")
     add("--rate", type=float, default=0.01, help="learning rate at the start (default 0.01)")
-    add("--batch", type=at_least_1, default=64)
-    add("--votes", type=at_least_1, default=5, help="volumes tested per recording (default 5)")
-    add("--seed", type=int, default=0)
-    add("--device", help="default: a GPU if there is one, else cpu")
-    add("--resume", action="store_true", help="continue from the checkpoints in OUT")
+    add("--batch", type=at_least_1, default=64, help="samples per step (default 64)")
+    add("--votes", type=at_least_1, default=5, help="clips of each recording that vote (default 5)")
+    add("--seed", type=int, default=0, help="seed of all random numbers (default 0)")
+    add("--device", help="device of torch (default: a GPU if there is one, else cpu)")
+    add("--resume", action="store_true", help="continue the interrupted run in OUT")
     return parser.parse_args()
 
 

@@ -1,11 +1,12 @@
-"""Test whether the distances show how far events are from real ones: the experiment of Table 3.2, on any pair.
+"""Test whether distances grow with the error of events (Table 3.2 of the thesis), on any pair of recording and video.
 
     python recipes/validate_metrics.py --real recording.aedat --video shown.avi --seconds 4
 
-Emulated events are made worse in three ways, each in steps: coordinates on a coarser lattice (SD),
-frames merged (TD), noise at a share of the pixels of each frame (AN). With each step the Chamfer distance
-and EMD should grow and the repeatability fall. Without --real, a stand-in for a camera is emulated from the
-video, with lower thresholds that differ per pixel, noise and a refractory period. It shows the method only.
+Emulated events are distorted in three ways, each in steps: coordinates are rounded to a coarser grid (SD), frames are
+merged (TD), or noise is added at a fraction of the pixels of each frame (AN). With each step the Chamfer distance and
+EMD should grow, and the repeatability should fall. Without --real, a camera is simulated: events are emulated from the
+video with lower thresholds that differ between pixels, noise and a refractory period. That only demonstrates the
+method.
 """
 
 from __future__ import annotations
@@ -28,22 +29,29 @@ from nvsdata.data.frame_edges import frame_edges
 from nvsdata.emulation import PRESETS
 from nvsdata.emulation.tuning.objective import TuningPair
 
-Figures = dict[str, Any]
-EPSILON = 2.5  # of Table 3.2
-# of the stand-in: like a real camera, it gives more events than the emulator
+Results = dict[str, Any]
+EPSILON = 2.5  # pixels, as in Table 3.2
+# settings of the simulated camera, which has more events than the emulator, like a real one
 FLAWS = {"threshold": 0.12, "mismatch": 0.15, "noise_rate": 2.0, "refractory": 1000, "seed": 1}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--video", type=Path, required=True)
-    parser.add_argument("--real", type=Path, help="recording of a camera that saw the video")
-    parser.add_argument("--preset", choices=PRESETS, default="table-3.3-row-5")
-    parser.add_argument("--size", default="240x180", help="sensor of the stand-in (default 240x180)")
-    parser.add_argument("--seconds", type=float, default=2.0)
-    parser.add_argument("--offset", type=int, default=0, help="µs to add to the recording's times")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    parser.add_argument("--video", type=Path, required=True, help="video from which events are emulated")
+    parser.add_argument("--real", type=Path, help="recording of a camera in front of the video (default: simulated)")
+    parser.add_argument(
+        "--preset",
+        choices=PRESETS,
+        default="table-3.3-row-5",
+        help="settings of PIX2NVS; `nvsdata convert-videos --settings-help` describes them (default table-3.3-row-5)",
+    )
+    parser.add_argument(
+        "--size", default="240x180", help="sensor size of the simulated camera in pixels (default 240x180)"
+    )
+    parser.add_argument("--seconds", type=float, default=2.0, help="compare the first seconds only (default 2)")
+    parser.add_argument("--offset", type=int, default=0, help="µs to add to the recording's times (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the noise (default 0)")
+    parser.add_argument("--out", type=Path, help="JSON file for the distances")
     args = parser.parse_args()
 
     settings = PRESETS[args.preset]
@@ -56,33 +64,37 @@ def main() -> None:
     emulated = pair.emulate(settings)
 
     rows: list[tuple[str, ...]] = [("", "Chamfer", f"{EPSILON}-Rep.", "EMD")]
-    figures: list[Figures] = []
-    for name, events in distorted(emulated, pair.fps, np.random.default_rng(args.seed)):
+    results: list[Results] = []
+    for name, events in distort(emulated, pair.fps, np.random.default_rng(args.seed)):
         found = metrics.compare(events, pair.real, pair.fps, offset=args.offset, epsilon=EPSILON)
         values = (found.chamfer.value, found.repeatability.value, found.emd.value)
         rows.append((name, *(f"{value:.3f}" for value in values)))
-        figures.append({"events": name, "chamfer": values[0], "repeatability": values[1], "emd": values[2]})
+        results.append({"events": name, "chamfer": values[0], "repeatability": values[1], "emd": values[2]})
     print(aligned(rows))
-    wrong = exceptions(figures)
-    print("every step changes all three as in Table 3.2" if not wrong else "not as in Table 3.2: " + "; ".join(wrong))
+    wrong = exceptions(results)
+    print(
+        "all distances change in each step as in Table 3.2"
+        if not wrong
+        else "different from Table 3.2: " + "; ".join(wrong)
+    )
     if args.out:
-        put(args.out, json.dumps(figures, indent=1).encode())
+        put(args.out, json.dumps(results, indent=1).encode())
 
 
-def distorted(events: Events, fps: float, rng: np.random.Generator) -> Iterator[tuple[str, Events]]:
-    """Names and events of the table's rows."""
+def distort(events: Events, fps: float, rng: np.random.Generator) -> Iterator[tuple[str, Events]]:
+    """Yield names and events of the rows of the table."""
     yield "original", events
     for factor in (2, 3, 4):
         width, height = (side // factor for side in events.sensor_size)
         yield f"SD {width}x{height}", coarser(events, factor)
     for factor in (2, 3):
         yield f"TD fps/{factor}", slower(events, fps, factor)
-    for share in (0.01, 0.03, 0.05, 0.07):
-        yield f"AN {share:.0%}", noisier(events, fps, share, rng)
+    for fraction in (0.01, 0.03, 0.05, 0.07):
+        yield f"AN {fraction:.0%}", noisier(events, fps, fraction, rng)
 
 
 def coarser(events: Events, factor: int) -> Events:
-    """Coordinates on a lattice of `factor` pixels, scaled back up."""
+    """Round coordinates to a grid of `factor` pixels."""
     x, y = ((column // factor * factor + factor // 2) for column in (events.x, events.y))
     width, height = events.sensor_size
     return Events(
@@ -91,7 +103,7 @@ def coarser(events: Events, factor: int) -> Events:
 
 
 def slower(events: Events, fps: float, factor: int) -> Events:
-    """Events of `factor` frames merged, and repeated in each of them."""
+    """Merge the events of `factor` frames, and repeat them in each of these frames."""
     length = 1e6 / fps
     group = np.maximum(events.t - events.start - 1, 0) // (factor * length)
     moments = [events.start + ((group * factor + n + 0.5) * length).astype(np.int64) for n in range(factor)]
@@ -99,11 +111,11 @@ def slower(events: Events, fps: float, factor: int) -> Events:
     return Events(np.concatenate(moments), x, y, p, events.sensor_size, start=events.start)
 
 
-def noisier(events: Events, fps: float, share: float, rng: np.random.Generator) -> Events:
-    """One more event, of random polarity, at a share of the pixels of each frame."""
+def noisier(events: Events, fps: float, fraction: float, rng: np.random.Generator) -> Events:
+    """Add an event of random polarity at a fraction of the pixels of each frame."""
     width, height = events.sensor_size
     edges = events.start + frame_edges(int(events.t[-1]) - events.start, fps)
-    count = round(share * width * height)
+    count = round(fraction * width * height)
     t = np.repeat((edges[:-1] + edges[1:]) // 2, count)
     where = np.concatenate([rng.choice(width * height, count, replace=False) for _ in edges[1:]])
     columns = (
@@ -115,11 +127,11 @@ def noisier(events: Events, fps: float, share: float, rng: np.random.Generator) 
     return Events(*(np.concatenate(pair) for pair in columns), events.sensor_size, start=events.start)
 
 
-def exceptions(figures: list[Figures]) -> list[str]:
-    """Steps, from the original on in each kind, in which a distance changes the other way than in Table 3.2."""
-    kinds: dict[str, list[Figures]] = {}
-    for row in figures[1:]:
-        kinds.setdefault(str(row["events"])[:2], [figures[0]]).append(row)
+def exceptions(results: list[Results]) -> list[str]:
+    """Return the steps of each kind in which a distance changes in the other direction than in Table 3.2."""
+    kinds: dict[str, list[Results]] = {}
+    for row in results[1:]:
+        kinds.setdefault(str(row["events"])[:2], [results[0]]).append(row)
     found = []
     for before, after in (pair for rows in kinds.values() for pair in pairwise(rows)):
         for name, sign in (("chamfer", 1), ("repeatability", -1), ("emd", 1)):

@@ -61,7 +61,9 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
     root = source if source.is_dir() else source.parent
     paths = sorted(_below(source)) if source.is_dir() else [source]
     if not paths:
-        raise FileNotFoundError(f"no videos below {source}; they end in {' '.join(sorted(VIDEOS))}")
+        raise FileNotFoundError(
+            f"no videos in {source} and its subfolders; known extensions are {' '.join(sorted(VIDEOS))}"
+        )
     for path in paths:
         check_name(path)
     names = {path.relative_to(root) for path in paths}

@@ -1,1 +1,1 @@
-"""Run time against error: what `nvsdata bench` measures, and how it is shown."""
+"""Benchmarks of `nvsdata bench`: run time, memory and error, as tables and charts."""

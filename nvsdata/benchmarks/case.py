@@ -1,4 +1,4 @@
-"""A piece of work that can be measured, and what it needs."""
+"""Cases of benchmarks: one library with one choice of settings each."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from nvsdata.benchmarks.line import OURS, Plain
+from nvsdata.benchmarks.measurement import OURS, Plain
 
 
 @dataclass(frozen=True)
 class Options:
     """Options of all tasks.
 
-    - `scratch`: folder for files that are read or written
-    - `quick`: small sizes, so that all tasks together take less than ten minutes
-    - `device`: of torch, for networks
-    - `data`: folder with recordings of real sensors; None takes what nvsdata can make itself
+    Args:
+        scratch: Folder for files that benchmarks read or write.
+        quick: Use small sizes, so that all tasks together take less than ten minutes (default False).
+        device: Device of torch for networks (default "cpu").
+        data: Folder with recordings of real sensors (default None: synthetic scenes).
     """
 
     scratch: Path
@@ -27,13 +28,15 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Ready:
-    """Work that only waits for its call.
+class PreparedCase:
+    """Case that is ready to be timed.
 
-    - `run`: the work that is timed
-    - `error`: distance of its result from the exact one; called once, before anything is timed
-    - `before`: called before each call, not timed
-    - `counters`: amounts of work that the result stands for
+    Args:
+        run: Function that is timed.
+        error: Function of its result that returns the distance from the exact result. It is called once, before
+            anything is timed (default None: there is no exact result).
+        before: Function that is called before each call of `run` and isn't timed (default None).
+        counters: Function of the result that returns amounts, such as {"edges": 5_000} (default None).
     """
 
     run: Callable[[], Any]
@@ -44,16 +47,19 @@ class Ready:
 
 @dataclass(frozen=True)
 class Case:
-    """A line before it is measured; the fields of the same name are those of `Line`.
+    """Case that isn't measured yet. Fields that aren't listed here have the meaning of those of `Measurement`.
 
-    - `make`: prepares the work, in the process that will do it; ImportError leaves the case out
-    - `package`: whose version is reported (default: `library`)
-    - `alone`: not in turns with the other cases of the same work, because they would need too much memory together
+    Args:
+        make: Function that prepares the case, in the process that will run it. If it raises ImportError, the case is
+            skipped.
+        package: Package whose version is reported (default: `library`).
+        alone: Measure the case separately, not interleaved with the other cases of the benchmark, because together
+            they would need too much memory (default False).
     """
 
     task: str
-    work: str
-    make: Callable[[], Ready]
+    benchmark: str
+    make: Callable[[], PreparedCase]
     library: str = OURS
     settings: Mapping[str, Plain] = field(default_factory=dict)
     size: Mapping[str, int] = field(default_factory=dict)
@@ -66,5 +72,5 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Distinguishes the cases of a task."""
-        return f"{self.work} | {self.library} | {dict(self.settings)} | {dict(self.size)}"
+        """Name that no other case of the task has."""
+        return f"{self.benchmark} | {self.library} | {dict(self.settings)} | {dict(self.size)}"

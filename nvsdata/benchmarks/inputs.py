@@ -1,4 +1,4 @@
-"""Inputs of benchmarks: recordings of real sensors if a folder with some is given, and synthetic scenes."""
+"""Inputs of benchmarks: recordings of real sensors from a folder, or synthetic scenes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,18 @@ VIDEOS = ".mp4", ".avi"
 
 
 def random_events(count: int, size: tuple[int, int] = SENSOR, *, duration: int = SECOND, seed: int = 0) -> Events:
-    """Events at random pixels and times."""
+    """Return events at random pixels and times.
+
+    Args:
+        count: Number of events.
+        size: (width, height) of the sensor in pixels (default (240, 180)).
+        duration: Time span in µs (default 1,000,000).
+        seed: Seed of the random numbers (default 0).
+
+    Example:
+        >>> len(random_events(5, (34, 34)))
+        5
+    """
     random = np.random.default_rng(seed)
     t = np.sort(random.integers(0, duration, count))
     x, y, p = (random.integers(0, high, count) for high in (*size, 2))
@@ -29,7 +40,13 @@ def random_events(count: int, size: tuple[int, int] = SENSOR, *, duration: int =
 
 
 def outlines(count: int, *, duration: int = WINDOW, seed: int = 0) -> Events:
-    """Events of the outlines of four moving squares, on 240x180 pixels."""
+    """Return events on the outlines of four moving squares, on 240x180 pixels.
+
+    Args:
+        count: Number of events.
+        duration: Time span in µs (default 30,000).
+        seed: Seed of the random numbers (default 0).
+    """
     random = np.random.default_rng(seed)
     t = np.sort(random.integers(0, duration, count))
     side, x, y, vx, vy = (random.uniform(*range_, 4) for range_ in ((20, 50), (0, 180), (0, 120), (0, 9), (0, 9)))
@@ -42,40 +59,45 @@ def outlines(count: int, *, duration: int = WINDOW, seed: int = 0) -> Events:
 
 
 def digits(options: Options, count: int = 32) -> list[Events]:
-    """Recordings of N-MNIST, or outlines of squares on a sensor of its size."""
+    """Return recordings of N-MNIST from the data folder, or synthetic ones of the same sensor size.
+
+    Args:
+        options: Options with the data folder.
+        count: Largest number of recordings (default 32).
+    """
     if options.data is not None and (paths := _digit_files(options.data)):
         return [formats.read(path, sensor_size=DIGITS) for path in paths[:: max(len(paths) // count, 1)][:count]]
     return [resize_events(outlines(4_000, duration=300_000, seed=seed), *DIGITS) for seed in range(count)]
 
 
-def street(options: Options) -> Events:
-    """The largest recording of a 240x180 sensor below the folder; otherwise two seconds of outlines."""
-    return (options.data and _real_street(options.data)) or outlines(160_000, duration=2 * SECOND)
+def sensor_recording(options: Options) -> Events:
+    """Return the largest recording of a 240x180 sensor in the data folder, or a synthetic one of 2 s."""
+    return (options.data and _largest_recording(options.data)) or outlines(160_000, duration=2 * SECOND)
 
 
 def video(options: Options) -> Path | None:
-    """The largest video below the folder."""
+    """Return the path of the largest video in the data folder; None if there is none."""
     return next(iter(_by_size(options.data, VIDEOS)), None) if options.data is not None else None
 
 
-def pairs(folder: Path) -> list[Path]:
-    """Pairs of frames and of what a sensor saw itself."""
+def frame_event_pairs(folder: Path) -> list[Path]:
+    """Return the files `pairs/*.npz` below a folder: frames, and the events of the same sensor."""
     return sorted(folder.glob("**/pairs/*.npz"))
 
 
-def lacking(folder: Path) -> list[str]:
-    """Return the recordings that a folder lacks."""
+def missing_recordings(folder: Path) -> list[str]:
+    """Return names of the kinds of data that benchmarks use and a folder doesn't have."""
     found = {
         "N-MNIST": _digit_files(folder),
-        "recording of a 240x180 sensor": _real_street(folder),
+        "recording of a 240x180 sensor": _largest_recording(folder),
         "video": _by_size(folder, VIDEOS),
-        "pairs of frames and events": pairs(folder),
+        "pairs of frames and events": frame_event_pairs(folder),
     }
     return [name for name, what in found.items() if not what]
 
 
 @cache
-def _real_street(folder: Path) -> Events | None:
+def _largest_recording(folder: Path) -> Events | None:
     for path in _by_size(folder, (".aedat", ".aedat4", ".h5", ".raw", ".dat")):
         with suppress(ValueError, OSError, ImportError):
             events = formats.read(path)

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 @cache
 def machine() -> str:
-    """Processor, cores, memory, system, and versions of what the work depends on."""
+    """Describe the processor, cores, memory and system, and the versions of Python, torch and NumPy."""
     parts = [_processor(), f"{os.cpu_count()} cores"]
     with suppress(ValueError, OSError, AttributeError):
         parts.append(f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.0f} GiB")
@@ -28,7 +28,7 @@ def machine() -> str:
 
 @cache
 def commit() -> str:
-    """The commit of the checkout that this is, with a + if files differ from it; the version where it isn't one."""
+    """Return the Git commit of this checkout, with a "+" if files have changed; outside a checkout, the version."""
     if not (ROOT / ".git").exists():
         return __version__
     try:

@@ -9,14 +9,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from nvsdata.benchmarks.case import Ready
+from nvsdata.benchmarks.case import PreparedCase
 
 STATUS = Path("/proc/self/status")
 RESET = Path("/proc/self/clear_refs")
 
 
-def spent(ready: Ready, calls: int) -> list[float]:
-    """Seconds of each of some calls."""
+def time_calls(ready: PreparedCase, calls: int) -> list[float]:
+    """Return the time of each of several calls in s."""
     found = []
     for _ in range(calls):
         if ready.before is not None:
@@ -27,11 +27,18 @@ def spent(ready: Ready, calls: int) -> list[float]:
     return found
 
 
-def peak_of(run: Callable[[], Any], device: str = "cpu") -> int | None:
-    """Bytes by which a call raises what the process holds in memory, or what torch holds in that of another device.
+def peak_memory(run: Callable[[], Any], device: str = "cpu") -> int | None:
+    """Return the bytes by which a call raises the memory of the process, at its peak.
 
-    None where the system doesn't tell (not Linux). Memory that is kept from earlier calls doesn't count; what the C
-    library keeps is given back first.
+    Memory that is still allocated from earlier calls doesn't count. Memory that the C library has cached is released
+    first.
+
+    Args:
+        run: Function that is called.
+        device: "cpu" (default), or a GPU, whose memory is measured as torch reports it.
+
+    Returns:
+        Bytes, or None where the system doesn't report them (only Linux does).
     """
     if device != "cpu":
         import torch
@@ -44,16 +51,16 @@ def peak_of(run: Callable[[], Any], device: str = "cpu") -> int | None:
         ctypes.CDLL("libc.so.6").malloc_trim(0)
     try:
         RESET.write_text("5")
-        before = resident("VmRSS")
+        before = resident_memory("VmRSS")
     except OSError:
         run()
         return None
     run()
-    return max(resident("VmHWM") - before, 0)
+    return max(resident_memory("VmHWM") - before, 0)
 
 
-def resident(name: str) -> int:
-    """Bytes by a line of the process' status: `VmRSS` are in memory now, `VmHWM` were at most."""
+def resident_memory(name: str) -> int:
+    """Return the memory of the process in bytes: now (`VmRSS`) or at its peak (`VmHWM`), as Linux names them."""
     for line in STATUS.read_text().splitlines():
         if line.startswith(f"{name}:"):
             return int(line.split()[1]) * 1024

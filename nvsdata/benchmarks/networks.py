@@ -1,4 +1,4 @@
-"""Networks with fixed weights, and what they are given."""
+"""Networks with fixed weights, and batches as their input."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from nvsdata.transforms.events.crops import resize_events
 
 VOLUMES = 4  # graphs per sequence
 
-# every configuration of the thesis: the network and its sensor
-CONFIGURED: dict[str, tuple[Callable[[], nn.Module], tuple[int, int], bool]] = {
+# every configuration of the thesis: function that builds the network, sensor size, whether it takes sequences
+NETWORKS: dict[str, tuple[Callable[[], nn.Module], tuple[int, int], bool]] = {
     **{
         f"{kind} {name}": (partial(make, name), settings["sensor_size"], False)
         for kind, make in (("RG-CNN", models.rgcnn), ("G-CNN", models.gcnn))
@@ -35,8 +35,11 @@ CONFIGURED: dict[str, tuple[Callable[[], nn.Module], tuple[int, int], bool]] = {
 }
 
 
-def steady(make: Callable[[], nn.Module], device: str = "cpu") -> nn.Module:
-    """A network with the same weights each time, which drops nothing, and whose normalization isn't the identity."""
+def fixed_network(make: Callable[[], nn.Module], device: str = "cpu") -> nn.Module:
+    """Build a network with the same random weights each time.
+
+    Dropout is off. Weights and statistics of batch normalization are random, so that it isn't the identity.
+    """
     torch.manual_seed(0)
     model = make()
     for module in model.modules():
@@ -50,8 +53,8 @@ def steady(make: Callable[[], nn.Module], device: str = "cpu") -> nn.Module:
     return model.to(device)
 
 
-def windows(options: Options, count: int) -> tuple[GraphBatch, torch.Tensor]:
-    """Graphs of 30 ms windows of digits, and targets."""
+def digit_batch(options: Options, count: int) -> tuple[GraphBatch, torch.Tensor]:
+    """Return a batch of graphs of 30 ms windows of digits, and targets [count]."""
     found, recordings = [], digits(options)
     for n in range(count):
         events = recordings[n % len(recordings)]
@@ -61,8 +64,8 @@ def windows(options: Options, count: int) -> tuple[GraphBatch, torch.Tensor]:
     return batch.to(options.device), targets.to(options.device)
 
 
-def samples(sensor_size: tuple[int, int], sequences: bool) -> GraphBatch:
-    """Two graphs, or two sequences of graphs, of moving outlines, on the CPU."""
+def sample_batch(sensor_size: tuple[int, int], sequences: bool) -> GraphBatch:
+    """Return a batch of two graphs, or of two sequences of graphs, of moving squares, on the CPU."""
     made = []
     for seed in range(2 * (VOLUMES if sequences else 1)):
         events = resize_events(outlines(1_000, seed=seed), *sensor_size)
@@ -70,12 +73,12 @@ def samples(sensor_size: tuple[int, int], sequences: bool) -> GraphBatch:
     return GraphBatch.from_graphs(made, volumes=VOLUMES if sequences else 1)
 
 
-def doubled(batch: GraphBatch) -> GraphBatch:
-    """The same graphs in float64."""
+def in_float64(batch: GraphBatch) -> GraphBatch:
+    """Convert features, positions and pseudo-coordinates of a batch to float64."""
     return replace(batch, x=batch.x.double(), pos=batch.pos.double(), edge_attr=batch.edge_attr.double())
 
 
-def settle(device: str) -> None:
-    """Wait until a GPU is done."""
+def synchronize(device: str) -> None:
+    """Wait until a GPU has finished its work; do nothing for the CPU."""
     if device != "cpu":
         torch.cuda.synchronize()

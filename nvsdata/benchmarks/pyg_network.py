@@ -1,4 +1,4 @@
-"""RG-CNN (L = 2) in PyTorch Geometric and torch_spline_conv, for comparison."""
+"""RG-CNN with two residual blocks in PyTorch Geometric and torch_spline_conv, for comparison."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CLUSTERS = (2, 4, 7)
 
 
 class PygSplineConv(nn.Module):
-    """The layer that PyTorch Geometric built on torch_spline_conv before it required pyg-lib."""
+    """B-spline convolution as PyTorch Geometric built it on torch_spline_conv, before it required pyg-lib."""
 
     def __init__(self, a: int, b: int, kernel_size: int) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class PygSplineConv(nn.Module):
 
 
 class PygResidual(nn.Module):
-    """Convolution and shortcut."""
+    """Residual block: a convolution, and a shortcut with a kernel of size 1."""
 
     def __init__(self, a: int, b: int) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class PygResidual(nn.Module):
 
 
 class PyGRGCNN(nn.Module):
-    """The network for N-MNIST."""
+    """RG-CNN for N-MNIST: a convolution and two residual blocks, each followed by max pooling."""
 
     def __init__(self) -> None:
         super().__init__()

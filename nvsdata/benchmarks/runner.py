@@ -1,6 +1,6 @@
-"""Measures cases: each library in a process of its own, and all that do the same work in turns.
+"""Measurement of cases: each library runs in a separate process, and calls of the libraries are interleaved.
 
-So a slow phase of the machine affects all of them, and no library suffers from what another one imports or keeps.
+So a slow phase of the machine affects all libraries alike, and imports or memory of one library don't affect another.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ from typing import Any
 import numpy as np
 
 from nvsdata.benchmarks.case import Case, Options
-from nvsdata.benchmarks.line import OURS, Line
 from nvsdata.benchmarks.machine import commit, machine
+from nvsdata.benchmarks.measurement import OURS, Measurement
 from nvsdata.benchmarks.tasks import cases_of
 from nvsdata.benchmarks.worker import serve
 
-TURN = 0.03  # s of calls per turn, at least one call
-ROUNDS, FEW = 9, 5  # turns of each, at most FEW if quick
-LONG = 3.0  # s after which no further turn is taken
-MOST_CALLS = 1000  # per turn
+ROUND_TIME = 0.03  # s of calls of a case in a round, at least one call
+ROUNDS, QUICK_ROUNDS = 9, 5  # rounds of each case; the second if quick
+LONG = 3.0  # s of calls of a case, after which it takes part in no further round
+MOST_CALLS = 1000  # per round
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """A case without a line.
+class SkippedCase:
+    """Case without a measurement.
 
-    - `case`: what should have been measured
-    - `reason`: why it wasn't
-    - `failed`: whether it failed, rather than being unavailable here
+    Args:
+        case: The case.
+        reason: Reason why it wasn't measured.
+        failed: True if it failed, False if the library isn't installed.
     """
 
     case: Case
@@ -42,21 +43,30 @@ class LeftOut:
 
 
 class Worker:
-    """The process of one library; a context manager, which ends it."""
+    """Process of one library; a context manager that ends it.
+
+    Args:
+        task: Name of the task.
+        options: Options of the task.
+        library: Name of the library.
+    """
 
     def __init__(self, task: str, options: Options, library: str) -> None:
-        self._work = task, options, library
+        self._arguments = task, options, library
         self._start()
 
     def _start(self) -> None:
         context = get_context("spawn")
         self._connection, other = context.Pipe()
-        self._process = context.Process(target=serve, args=(other, *self._work), daemon=False)
+        self._process = context.Process(target=serve, args=(other, *self._arguments), daemon=False)
         self._process.start()
         other.close()
 
     def ask(self, *what: Any) -> dict[str, Any]:
-        """Send a request and wait for its answer; `{"failed"}` if the process ended instead, and a new one begins."""
+        """Send a request to the process, and return its answer.
+
+        If the process ended without an answer, a new one is started, and the answer is {"failed": reason}.
+        """
         try:
             self._connection.send(what)
             answer: dict[str, Any] = self._connection.recv()
@@ -77,15 +87,16 @@ class Worker:
         self._process.join()
 
 
-def measured(
+def measure_task(
     task: str, options: Options, *, peers: bool = False, wanted: Callable[[Case], bool] = lambda case: True
-) -> Iterator[Line | LeftOut]:
-    """Lines of a task, and what was left out.
+) -> Iterator[Measurement | SkippedCase]:
+    """Yield the measurements of a task, and the cases that were skipped.
 
-    - `task`: a name in `TASKS`
-    - `options`: options of all tasks
-    - `peers`: other libraries, too (default False)
-    - `wanted`: which cases to measure (default: all)
+    Args:
+        task: A name in `TASKS`.
+        options: Options of all tasks.
+        peers: Measure other libraries, too (default False).
+        wanted: Function that selects cases (default: all).
     """
     cases = [case for case in cases_of(task, options) if (peers or case.library == OURS) and wanted(case)]
     with ExitStack() as stack:
@@ -94,39 +105,41 @@ def measured(
             if case.library not in workers:
                 workers[case.library] = stack.enter_context(Worker(task, options, case.library))
         numbered = enumerate(cases)
-        for _, group in groupby(numbered, key=lambda pair: (pair[1].work, pair[0] if pair[1].alone else -1)):
-            yield from _in_turns([case for _, case in group], workers, options)
+        for _, group in groupby(numbered, key=lambda pair: (pair[1].benchmark, pair[0] if pair[1].alone else -1)):
+            yield from _interleaved([case for _, case in group], workers, options)
 
 
-def _in_turns(cases: Sequence[Case], workers: dict[str, Worker], options: Options) -> Iterator[Line | LeftOut]:
+def _interleaved(
+    cases: Sequence[Case], workers: dict[str, Worker], options: Options
+) -> Iterator[Measurement | SkippedCase]:
     known: dict[str, dict[str, Any]] = {}
     for case in cases:
         answer = workers[case.library].ask("prepare", case.key)
         if reason := answer.get("missing") or answer.get("failed"):
-            yield LeftOut(case, reason, "failed" in answer)
+            yield SkippedCase(case, reason, "failed" in answer)
         else:
             known[case.key] = answer | {"spent": [answer["once"]] if answer["once"] >= LONG else []}
     running = [case for case in cases if case.key in known]
-    for _ in range(FEW if options.quick else ROUNDS):
+    for _ in range(QUICK_ROUNDS if options.quick else ROUNDS):
         for case in running:
             found = known[case.key]
             if (not found["spent"] or sum(found["spent"]) < LONG) and "failed" not in found:
-                calls = min(max(int(TURN / max(found["once"], 1e-9)), 1), MOST_CALLS)
-                answer = workers[case.library].ask("turn", case.key, calls)
+                calls = min(max(int(ROUND_TIME / max(found["once"], 1e-9)), 1), MOST_CALLS)
+                answer = workers[case.library].ask("time", case.key, calls)
                 found["spent"] += answer.get("spent", [])
                 found |= {name: text for name, text in answer.items() if name == "failed"}
     for worker in {case.library: workers[case.library] for case in cases}.values():
         worker.ask("drop")
     for case in running:
         found = known[case.key]
-        yield LeftOut(case, found["failed"], True) if "failed" in found else _line(case, found, options)
+        yield SkippedCase(case, found["failed"], True) if "failed" in found else _measurement(case, found, options)
 
 
-def _line(case: Case, found: dict[str, Any], options: Options) -> Line:
+def _measurement(case: Case, found: dict[str, Any], options: Options) -> Measurement:
     median, p95, p99 = np.percentile(found["spent"], (50, 95, 99)).tolist()
-    return Line(
+    return Measurement(
         task=case.task,
-        work=case.work,
+        benchmark=case.benchmark,
         library=case.library,
         version=found["version"],
         seconds=median,

@@ -8,9 +8,9 @@ from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import Connection
 from typing import Any
 
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.line import OURS
-from nvsdata.benchmarks.measure import peak_of, spent
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.measure import peak_memory, time_calls
+from nvsdata.benchmarks.measurement import OURS
 from nvsdata.common.errors import line_of
 from nvsdata.common.processes import end_with_parent
 
@@ -18,18 +18,25 @@ LONG = 1.0  # s, after which a call isn't repeated needlessly
 
 
 def serve(connection: Connection, task: str, options: Options, library: str) -> None:
-    """Answer `("prepare", key)`, `("turn", key, calls)` and `("drop",)` until the other end closes.
+    """Answer requests until the other end of the connection closes.
 
-    Answers are a dict: what is known of the case, `{"spent": seconds of each call}`, or `{"missing"}`, `{"failed"}`
-    with the reason.
+    Requests are `("prepare", key)`, `("time", key, calls)` and `("drop",)`, which releases all prepared cases. Answers
+    are dicts: error, counters and memory of the prepared case; {"spent": seconds of each call}; or {"missing": reason}
+    for a library that isn't installed, and {"failed": reason}.
+
+    Args:
+        connection: Connection to the process that measures.
+        task: Name of the task.
+        options: Options of the task.
+        library: Library whose cases this process runs.
     """
     end_with_parent()
-    # one core, whoever does the work
+    # every library computes on one core
     os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
     from nvsdata.benchmarks.tasks import cases_of
 
     cases = {case.key: case for case in cases_of(task, options) if case.library == library}
-    ready: dict[str, Ready] = {}
+    ready: dict[str, PreparedCase] = {}
     while True:
         try:
             what, *given = connection.recv()
@@ -38,9 +45,9 @@ def serve(connection: Connection, task: str, options: Options, library: str) -> 
         try:
             if what == "prepare":
                 ready[given[0]] = cases[given[0]].make()
-                answer = _known(cases[given[0]], ready[given[0]])
-            elif what == "turn":
-                answer = {"spent": spent(ready[given[0]], given[1])}
+                answer = _checked(cases[given[0]], ready[given[0]])
+            elif what == "time":
+                answer = {"spent": time_calls(ready[given[0]], given[1])}
             else:
                 ready.clear()
                 answer = {}
@@ -53,17 +60,17 @@ def serve(connection: Connection, task: str, options: Options, library: str) -> 
         try:
             connection.send(answer)
         except (BrokenPipeError, ConnectionResetError):
-            # the other end was closed while the work was done
+            # the other end was closed during the work
             return
 
 
-def _known(case: Case, ready: Ready) -> dict[str, Any]:
-    """Error, counters and memory of a case, and about how long a call takes."""
+def _checked(case: Case, ready: PreparedCase) -> dict[str, Any]:
+    """Run a case; return its error, counters and peak memory, and the approximate time of a call in s."""
     known: dict[str, Any] = {"version": _version(case)}
     if ready.before is not None:
         ready.before()
     start = time.perf_counter()
-    # compiles, too
+    # the first call may compile
     result = ready.run()
     first = time.perf_counter() - start
     known["error"] = None if ready.error is None else float(ready.error(result))
@@ -72,11 +79,11 @@ def _known(case: Case, ready: Ready) -> dict[str, Any]:
     if ready.before is not None:
         ready.before()
     start = time.perf_counter()
-    known["peak"] = peak_of(ready.run, case.device)
+    known["peak"] = peak_memory(ready.run, case.device)
     known["once"] = time.perf_counter() - start
     if first < LONG:
-        # reading the process' memory takes longer than a short call
-        (known["once"],) = spent(ready, 1)
+        # for short calls, measuring memory would distort the time
+        (known["once"],) = time_calls(ready, 1)
     return known
 
 

@@ -1,4 +1,4 @@
-"""`nvsdata bench`: run time against error."""
+"""The `nvsdata bench` command: run time against error."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 
 from nvsdata.benchmarks import inputs
 from nvsdata.benchmarks.case import Options
-from nvsdata.benchmarks.line import OURS, Line, read_lines, write_lines
-from nvsdata.benchmarks.page import page
-from nvsdata.benchmarks.runner import LeftOut, measured
-from nvsdata.benchmarks.table import comparison, work_table
+from nvsdata.benchmarks.measurement import OURS, Measurement, read_measurements, write_measurements
+from nvsdata.benchmarks.page import benchmark_page
+from nvsdata.benchmarks.runner import SkippedCase, measure_task
+from nvsdata.benchmarks.table import benchmark_table, comparison
 from nvsdata.benchmarks.tasks import TASKS
 from nvsdata.commands.options import path
 from nvsdata.common.errors import shown
@@ -24,67 +24,71 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
     listed = "; ".join(f"{name}: {what}" for name, what in TASKS.items())
-    add("tasks", nargs="*", metavar="TASK", default=["all"], help=f"what to measure (default: all). {listed}")
+    add("tasks", nargs="*", metavar="TASK", default=["all"], help=f"tasks to measure (default: all). {listed}")
     add("--quick", action="store_true", help="small sizes: all tasks take less than ten minutes on two cores")
-    add("--peers", action="store_true", help="other libraries, too, as far as they are installed")
-    add("--only", default="", metavar="TEXT", help="only work whose name contains this (default: all)")
+    add("--peers", action="store_true", help="measure other libraries that are installed, too")
+    add("--only", default="", metavar="TEXT", help="only benchmarks whose name contains this (default: all)")
     add(
         "--data",
         type=path,
         metavar="DIR",
-        help="real recordings to work on (default: simulated ones)",
+        help="folder with real recordings and videos (default: synthetic ones)",
     )
-    add("--device", default="cpu", help="of the networks, such as cuda")
-    add("--json", type=path, metavar="OUT", help="file for all lines (default: none)")
-    add("--html", type=path, metavar="OUT", help="file for a page with curves and tables (default: none)")
-    add("--compare", type=path, metavar="OLD", help="an earlier run's --json, to compare this run with (default: none)")
+    add("--device", default="cpu", help="device of torch for networks, such as cuda")
+    add("--json", type=path, metavar="OUT", help="write all measurements to this file, for --compare (default: none)")
+    add("--html", type=path, metavar="OUT", help="write a page with charts and tables to this file (default: none)")
+    add("--compare", type=path, metavar="OLD", help="compare with the --json file of an earlier run (default: none)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, and print a table per work as soon as it is known; exit code 1 if anything of ours failed."""
+    """Measure, and print a table after each benchmark; return 1 if a case of nvsdata failed."""
     names = list(TASKS) if "all" in args.tasks else list(dict.fromkeys(args.tasks))
     if unknown := [name for name in names if name not in TASKS]:
         args.parser.error(f"unknown task {unknown[0]!r}: choose from {', '.join(TASKS)}, all")
     if args.data is not None and not args.data.is_dir():
-        raise NotADirectoryError(f"{args.data}: no folder with recordings")
-    # before an hour is spent
+        raise NotADirectoryError(f"{args.data}: no such folder; --data needs a folder with recordings")
+    # fail now rather than after an hour
     for target in filter(None, (args.json, args.html)):
         check_place(target)
-    if args.data is not None and (lacking := inputs.lacking(args.data)):
-        say(f"{shown(args.data)} has no {', no '.join(lacking)}: simulated instead, or left out")
-    old = read_lines(args.compare) if args.compare else []
+    if args.data is not None and (missing := inputs.missing_recordings(args.data)):
+        say(f"{shown(args.data)} has no {', no '.join(missing)}: these benchmarks use synthetic data or are skipped")
+    old = read_measurements(args.compare) if args.compare else []
     with tempfile.TemporaryDirectory(prefix="nvsdata-bench-") as scratch:
         options = Options(Path(scratch), args.quick, args.device, args.data)
-        lines, failed = _measure(names, options, args)
-    if not lines:
-        raise ValueError("all failed" if failed else f"nothing was measured: no work's name contains {args.only!r}")
+        measurements, failed = _measure(names, options, args)
+    if not measurements:
+        raise ValueError(
+            "all benchmarks failed" if failed else f"nothing was measured: no benchmark's name contains {args.only!r}"
+        )
     if old:
-        print(comparison(lines, old))
+        print(comparison(measurements, old))
     for target in filter(None, (args.json, args.html)):
         say(f"written: {shown(target)}")
     return 1 if failed else 0
 
 
-def _measure(names: list[str], options: Options, args: argparse.Namespace) -> tuple[list[Line], bool]:
-    lines: list[Line] = []
+def _measure(names: list[str], options: Options, args: argparse.Namespace) -> tuple[list[Measurement], bool]:
+    measurements: list[Measurement] = []
     failed = False
     for name in names:
-        group: list[Line] = []
-        for found in measured(name, options, peers=args.peers, wanted=lambda case: args.only in case.work):
-            if isinstance(found, LeftOut):
+        group: list[Measurement] = []
+        for found in measure_task(name, options, peers=args.peers, wanted=lambda case: args.only in case.benchmark):
+            if isinstance(found, SkippedCase):
                 failed |= found.failed and found.case.library == OURS
-                say(f"{found.case.task}: {found.case.work}: {found.case.library} is left out: {shown(found.reason)}")
+                say(
+                    f"{found.case.task}: {found.case.benchmark}: {found.case.library} is skipped: {shown(found.reason)}"
+                )
                 continue
-            if group and group[-1].work != found.work:
-                print(work_table(group), end="\n\n", flush=True)
+            if group and group[-1].benchmark != found.benchmark:
+                print(benchmark_table(group), end="\n\n", flush=True)
                 group = []
             group.append(found)
-            lines.append(found)
+            measurements.append(found)
         if group:
-            print(work_table(group), end="\n\n", flush=True)
-        # after each task, so that a run that is stopped leaves what it found
-        if args.json and lines:
-            write_lines(lines, args.json)
-        if args.html and lines:
-            put(args.html, page(lines).encode(), through_link=True)
-    return lines, failed
+            print(benchmark_table(group), end="\n\n", flush=True)
+        # after each task, so that an interrupted run keeps its results
+        if args.json and measurements:
+            write_measurements(measurements, args.json)
+        if args.html and measurements:
+            put(args.html, benchmark_page(measurements).encode(), through_link=True)
+    return measurements, failed

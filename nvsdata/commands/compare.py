@@ -1,4 +1,4 @@
-"""`nvsdata compare`: distances between the events of two recordings."""
+"""The `nvsdata compare` command: distances between the events of two recordings."""
 
 from __future__ import annotations
 
@@ -21,29 +21,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("emulated", type=path, metavar="A", help="a recording, such as an emulated one")
     add("real", type=path, metavar="B", help="the recording that A is compared with")
-    add("--fps", type=positive, default=30.0, help="frames per second into which events are summed")
+    add("--fps", type=positive, default=30.0, help="events are summed to frames at this rate")
     add("--offset", type=int, default=0, metavar="US", help="µs to add to the times of B")
-    add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the files don't state it")
-    add("--picture", type=path, default=Path("compare.png"), help="where both are drawn side by side")
+    add("--sensor-size", type=sensor_size, metavar="WxH", help="sensor size in pixels, for files that don't state it")
+    add("--image", type=path, default=Path("compare.png"), help="image file in which both are drawn side by side")
     add_json(add)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the distances."""
     options = {"fps": args.fps, "offset": args.offset, "size": args.sensor_size}
-    text, facts = compare_files(args.emulated, args.real, args.picture, **options)
+    text, facts = compare_files(args.emulated, args.real, args.image, **options)
     tell(text, facts, as_json=args.json)
     return 0
 
 
 def compare_files(
-    emulated: Path, real: Path, picture: Path, *, fps: float, offset: int = 0, size: tuple[int, int] | None = None
+    emulated: Path, real: Path, image: Path, *, fps: float, offset: int = 0, size: tuple[int, int] | None = None
 ) -> tuple[str, dict[str, Any]]:
-    """Distances between two recordings, as a table and by name; both are drawn side by side in `picture`.
+    """Measure the distances between two recordings, and draw them side by side.
 
-    `size` is the sensor's, for files that don't state it.
+    Args:
+        emulated: Recording A.
+        real: Recording B.
+        image: PNG file to write.
+        fps: Rate of the frames to which events are summed.
+        offset: Time in µs that is added to the times of B (default 0).
+        size: (width, height) of the sensor in pixels, for files that don't state it.
+
+    Returns:
+        A table as text, and the distances by name.
     """
-    check_place(picture)
+    check_place(image)
     a, b = (formats.read(path, sensor_size=size) for path in (emulated, real))
     found = metrics.compare(a, b, fps, offset=offset)
     rows = [("distance", "A to B", "B to A", "frames", "empty in A", "empty in B")]
@@ -57,7 +66,7 @@ def compare_files(
     counts = [("events", "A", "B", "A / B")]
     for name, ours, theirs in zip(("OFF", "ON"), found.emulated_events, found.real_events, strict=True):
         counts.append((name, f"{ours:,}", f"{theirs:,}", f"{ours / theirs:.3f}" if theirs else ""))
-    plots.save_png(side_by_side(a, b, fps, offset), picture)
+    plots.save_png(side_by_side(a, b, fps, offset), image)
     about = f"A  {shown(emulated)}  {a}\nB  {shown(real)}  {b}"
-    text = f"{about}\n{aligned(rows)}\n\n{aligned(counts)}\ndrawn in {shown(picture)}"
-    return text, asdict(found) | {"picture": picture}
+    text = f"{about}\n{aligned(rows)}\n\n{aligned(counts)}\nimage: {shown(image)}"
+    return text, asdict(found) | {"image": image}

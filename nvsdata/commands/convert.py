@@ -1,4 +1,4 @@
-"""`nvsdata convert`: a recording in another format."""
+"""The `nvsdata convert` command: a recording in another format."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
     add("source", type=path, metavar="IN", help="a recording")
-    add("target", type=path, metavar="OUT", help="its extension names the format")
+    add("target", type=path, metavar="OUT", help="file to write; its extension selects the format")
     add(
         "--format",
         metavar="NAME",
-        help="where an extension has several: evt2, evt2.1 or evt3 (default) for .raw; hdf5-gzip for .h5",
+        help="format for an extension with several: evt2, evt2.1 or evt3 (default) for .raw; hdf5-gzip for .h5",
     )
-    add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the file doesn't state it")
-    add("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
-    add("--overwrite", action="store_true", help="replace OUT if it is there")
+    add("--sensor-size", type=sensor_size, metavar="WxH", help="sensor size in pixels, for files that don't state it")
+    add("--repair", action="store_true", help="skip damaged parts of IN instead of stopping there")
+    add("--overwrite", action="store_true", help="replace OUT if it exists")
     add_json(add)
 
 
 def _watched(recording: Recording) -> Iterator[Events]:
-    """The recording's pieces; of a long one whose time is known, a bar tells after a second how much of it is done."""
+    """Yield the pieces of a recording; for a long one with a known time span, show a progress bar after a second."""
     from nvsdata.common.progress import bar
     from nvsdata.formats.file_recording import LONG
 
@@ -49,7 +49,7 @@ def _watched(recording: Recording) -> Iterator[Events]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the recording, and say what was repaired."""
+    """Convert the recording, and print the number of repairs."""
     from nvsdata import formats
     from nvsdata.common.files import creating
 
@@ -59,10 +59,10 @@ def run(args: argparse.Namespace) -> int:
         recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
         lost = formats.left_out(recording, args.target, args.format)
         if lost:
-            print(f"{shown(args.target)} can't hold everything: {' and '.join(lost)} are left out", file=sys.stderr)
+            print(f"{shown(args.target)} can't contain everything: {' and '.join(lost)} are left out", file=sys.stderr)
         written = formats.write(_watched(recording), args.target, format=args.format)
         if args.source == args.target.with_name(f"{args.target.name}.davis") and not (recording.repairs or lost):
-            # IN is OUT's journal, and OUT is whole now
+            # IN is the journal of OUT, and OUT is complete now
             args.source.unlink()
     for what, count in recording.repairs.items():
         print(f"{shown(args.source)}: {count} {what}", file=sys.stderr)

@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         print(line, file=sys.stderr)
     if args.preview:
         remark(f"previews are in {shown(out / FOLDER)}")
-    done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
+    done = f"{report.done:,} converted, {report.kept:,} already existed, {len(report.failed):,} failed"
     there = f"{report.total}{' of shard {}/{}'.format(*args.shard) if args.shard else ''} in {shown(out)}"
     text = f"{done}; {report.events:,} events converted, {there}"
     tell(text, asdict(report) | {"out": out}, as_json=args.json)

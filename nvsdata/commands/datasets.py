@@ -1,4 +1,4 @@
-"""`nvsdata datasets`: the table of datasets."""
+"""The `nvsdata datasets` command: the table of datasets."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ FACTS = Path(__file__).with_name("datasets.json")  # python -m nvsdata.commands.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("--root", type=path, default=Path(), help="the folder that datasets are looked for in")
-    check = "ask every address whether it still has its file, and how large it is"
+    parser.add_argument("--root", type=path, default=Path(), help="folder that is searched for datasets")
+    check = "check that every download address still has its file, and print its size"
     parser.add_argument("--check", action="store_true", help=check)
     add_json(parser.add_argument)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the table: with --check, 1 if an address doesn't lead to its file."""
+    """Print the table; with --check, return 1 if a file is missing at an address."""
     if args.check:
         return _check(as_json=args.json)
+    if not args.root.is_dir():
+        raise FileNotFoundError(f"{args.root}: no such folder")
     facts = facts_of(args.root)
     tell(table(facts), {"datasets": facts}, as_json=args.json)
     return 0
@@ -42,7 +44,7 @@ def _check(*, as_json: bool) -> int:
 
     found = check_addresses([kind.info for name, kind in DATASETS.items() if name != "folder"])
     rows = [
-        (one.dataset, one.file, f"{one.bytes / 1e9:.2f} GB" if one.bytes else "", one.url, one.fault or "there")
+        (one.dataset, one.file, f"{one.bytes / 1e9:.2f} GB" if one.bytes else "", one.url, one.fault or "available")
         for one in found
     ]
     tell(aligned(rows, left=True), {"sources": [one._asdict() for one in found]}, as_json=as_json)
@@ -50,15 +52,15 @@ def _check(*, as_json: bool) -> int:
 
 
 def facts_of(root: Path) -> list[dict[str, Any]]:
-    """Facts of every dataset, and where it is below `root` (None if it isn't there)."""
-    # written beforehand, because importing the datasets imports torch, which takes a second
+    """Return the facts of every dataset by name; "here" is its place in the folder `root`, or None."""
+    # from a file, because importing the datasets imports torch, which takes a second
     more = "nvsdata.datasets" in sys.modules or entry_points(group="nvsdata.datasets")
     known = registered() if more else json.loads(FACTS.read_text("utf-8"))
     return [facts | {"here": where(facts["name"], root)} for facts in known]
 
 
 def registered() -> list[dict[str, Any]]:
-    """Facts of every dataset that is registered, those of other packages, too."""
+    """Return the facts of all registered datasets, including those of other packages."""
     from nvsdata.datasets import DATASETS
 
     return [_facts(kind.info) for name, kind in DATASETS.items() if name != "folder"]
@@ -78,14 +80,14 @@ def _facts(info: Info) -> dict[str, Any]:
 
 
 def table(facts: list[dict[str, Any]]) -> str:
-    """Every dataset with its facts, and where it is or how to get it."""
-    head = ("name", "sensor", "recordings", "classes", "size", "license", "here, or how to get it")
+    """Return a table of datasets as text, from their facts."""
+    head = ("name", "sensor", "recordings", "classes", "size", "license", "location or source")
     return aligned((head, *map(_row, facts)), left=True)
 
 
 def _row(facts: dict[str, Any]) -> tuple[str, ...]:
     size, name = facts["bytes"], facts["name"]
-    how = f"nvsdata download {name}" if facts["by_program"] else f"by hand from {facts['page']}"
+    how = f"nvsdata download {name}" if facts["by_program"] else f"manual download from {facts['page']}"
     return (
         name,
         "{}x{}".format(*facts["sensor_size"]) if facts["sensor_size"] else "varies",
@@ -93,12 +95,12 @@ def _row(facts: dict[str, Any]) -> tuple[str, ...]:
         str(facts["classes"]),
         f"{size / 1e9:.1f} GB" if size else "?",
         facts["license"],
-        f"here: {facts['here']}" if facts["here"] else how,
+        f"in {facts['here']}" if facts["here"] else how,
     )
 
 
 def where(name: str, root: Path) -> Path | None:
-    """The folder or store below `root` that is named after a dataset, whatever its case and dashes; None if none is."""
+    """Return the folder or store in `root` with the name of a dataset, or None; case and dashes don't matter."""
     wanted = name.replace("-", "")
     for place in sorted(root.iterdir()) if root.is_dir() else ():
         stem = place.name.removesuffix(".h5").lower()

@@ -1,4 +1,4 @@
-"""`nvsdata download`: a dataset fetched and unpacked."""
+"""The `nvsdata download` command: downloads and unpacks a dataset."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ from nvsdata.datasets.facts import Info
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
-    add("dataset", metavar="NAME", type=dataset, help="as `nvsdata datasets` calls it")
-    add("--root", type=path, help="the folder it goes to (default ./NAME)")
-    add("--mirror", metavar="PLACE", help="a folder of archives, or its address, asked first (default: NVSDATA_MIRROR)")
-    add("--delete-archives", action="store_true", help="delete each archive once it is unpacked")
-    add("--dry-run", action="store_true", help="say what would be fetched, and how large it is")
+    add("dataset", metavar="NAME", type=dataset, help="name of the dataset, as in `nvsdata datasets`")
+    add("--root", type=path, help="folder for the dataset (default ./NAME)")
+    add(
+        "--mirror",
+        metavar="PLACE",
+        help="folder or address with the archives, which is tried first (default: $NVSDATA_MIRROR)",
+    )
+    add("--delete-archives", action="store_true", help="delete each archive after unpacking it")
+    add("--dry-run", action="store_true", help="print the files to download and their sizes, and download nothing")
     add_json(add)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the folders that the dataset is in."""
+    """Download the dataset, and print its folders."""
     from nvsdata.datasets.archives.download import download, unneeded_archives
     from nvsdata.datasets.archives.transfer import MIRROR
 
@@ -40,23 +44,26 @@ def run(args: argparse.Namespace) -> int:
     tell("\n".join(map(shown, folders)), {"folders": folders}, as_json=args.json)
     if left := unneeded_archives(info.archives, root):
         size = sum(path.stat().st_size for path in left) / 1e9
-        left_there = f"{len(left)} archives next to what is unpacked in {shown(root)}, {size:.2f} GB"
+        left_there = f"{len(left)} archives with {size:.2f} GB are still in {shown(root)}"
         remark(f"{left_there}: --delete-archives deletes them")
     return 0
 
 
 def _plan(info: Info, to: Path, as_json: bool) -> None:
-    """Print what would be fetched, where from and how large it is."""
+    """Print the files to download, their sizes and addresses."""
     from nvsdata.datasets.archives.transfer import MIRROR
 
     files = [{"name": archive.name, "bytes": archive.size or None, "urls": archive.urls} for archive in info.archives]
     lines = [
         f"{archive.name}  {f'{archive.size / 1e9:.2f} GB' if archive.size else 'of unknown size'}  "
-        + (" or ".join(archive.urls) or (archive.within.name if archive.within else f"by hand from {info.page}"))
+        + (
+            " or ".join(archive.urls)
+            or (archive.within.name if archive.within else f"manual download from {info.page}")
+        )
         for archive in info.archives
     ]
     if mirror := os.environ.get(MIRROR):
-        lines.append(f"asked first: {shown(mirror)}")
+        lines.append(f"tried first: {shown(mirror)}")
     place = next((parent for parent in (to, *to.absolute().parents) if parent.is_dir()), Path())
     free = shutil.disk_usage(place).free
     lines.append(f"to {shown(to)}, where {free / 1e9:.1f} GB are free")

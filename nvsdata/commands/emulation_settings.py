@@ -47,10 +47,11 @@ HELP = {
     "leak": "ON events per second and pixel that occur without a change of light",
 }
 PRESET_HELP = {
-    "table-3.3-row-1 to -5": "PIX2NVS: the rows of Table 3.3 of the thesis, from the settings whose events are "
-    "farthest from recordings of a DAVIS camera to the nearest (row 5, the default)",
-    "section-3.4.1": "PIX2NVS: settings of the thesis's first comparison with a camera; events have their frame's time",
-    "footage": "PIX2NVS: for videos with dark parts, where the plain logarithm would turn noise into events",
+    "table-3.3-row-1 to -5": "PIX2NVS: the settings in the rows of Table 3.3 of the thesis; row 1 has the largest "
+    "distance to recordings of a DAVIS camera, row 5 (the default) the smallest",
+    "section-3.4.1": "PIX2NVS: settings of the first comparison with a camera in the thesis (section 3.4.1); "
+    "events have the time of their frame",
+    "footage": "PIX2NVS: for videos with dark parts, where the plain logarithm converts noise to events",
     "ideal": "DVS, the pixel model of real sensors, without noise",
     "dvs128, davis240c, davis346, gen4": "DVS: contrast, noise and readout of these sensors, as published",
 }
@@ -60,7 +61,10 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     """Add the options for the emulator and its settings."""
     group = parser.add_argument_group("settings of the emulator")
     base = group.add_mutually_exclusive_group()
-    text = f"emulator and settings to begin with; --settings-help lists them (default {USUAL}, of PIX2NVS)"
+    text = (
+        f"named settings of an emulator; --settings-help lists them (default {USUAL}: PIX2NVS with the settings "
+        "that were closest to a DAVIS camera in the thesis)"
+    )
     base.add_argument("--preset", choices=ALL, metavar="NAME", help=text)
     text = "settings from a file such as best.json of `nvsdata tune` (default: those of the preset)"
     base.add_argument("--settings", type=path, metavar="FILE", help=text)

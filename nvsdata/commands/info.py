@@ -1,4 +1,4 @@
-"""`nvsdata info`: what is in files of events."""
+"""The `nvsdata info` command: facts about recordings."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from nvsdata.common.terminal import tell
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("files", nargs="+", metavar="FILE", type=path, help="recordings in any format")
-    add_json(parser.add_argument, "a line of JSON per file")
+    add_json(parser.add_argument, "a line of JSON for each file")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Describe each file: 1 if one can't be read."""
+    """Describe each file; return 1 if one can't be read."""
     code = 0
     for file in args.files:
         try:
@@ -34,9 +34,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def facts_of(file: Path) -> dict[str, Any]:
-    """Return the facts of a recording by name: format, sensor, events, times (µs), fraction of ON, anomalies.
+    """Return the facts of a recording by name: format, sensor size, number of events, times, fraction of ON, anomalies.
 
-    Raises FormatError or FileNotFoundError if it can't be read.
+    Times are in µs.
+
+    Args:
+        file: The recording.
+
+    Raises:
+        FormatError: It can't be read.
+        FileNotFoundError: There is no such file.
     """
     recording = formats.open(file)
     events = recording.read()
@@ -54,7 +61,7 @@ def facts_of(file: Path) -> dict[str, Any]:
 
 
 def describe(facts: dict[str, Any]) -> str:
-    """A few lines about a recording, from its facts."""
+    """Return a description of a recording in several lines, from its facts."""
     lines = [
         shown(facts["file"]),
         f"  format     {facts['format']}",

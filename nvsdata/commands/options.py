@@ -1,4 +1,4 @@
-"""Types of options and format of help that several commands share."""
+"""Options and types of options that several commands share."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 
 
 class UsageError(ValueError):
-    """Options that don't go together; the command ends with exit code 2, as for options that don't exist."""
+    """Wrong combination of options; the command ends with exit code 2, as for unknown options."""
 
 
 class Help(argparse.HelpFormatter):
-    """States the default of each option that has one, after its help."""
+    """Formatter of help that adds the default of each option."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = action.help
@@ -27,12 +27,17 @@ class Help(argparse.HelpFormatter):
 
 
 def path(text: str) -> Path:
-    """A path; the shell leaves the ~ of --out=~/folder to the program."""
+    """Parse a path, and expand ~, which shells don't do in `--out=~/folder`."""
     return Path(text).expanduser()
 
 
 def sensor_size(text: str) -> tuple[int, int]:
-    """Width and height."""
+    """Parse WIDTHxHEIGHT.
+
+    Example:
+        >>> sensor_size("240x180")
+        (240, 180)
+    """
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 240x180, not {text!r}")
@@ -40,14 +45,14 @@ def sensor_size(text: str) -> tuple[int, int]:
 
 
 def at_least_1(text: str) -> int:
-    """A whole number above zero."""
+    """Parse a whole number of at least 1."""
     if not (text.isdecimal() and int(text) >= 1):
         raise argparse.ArgumentTypeError(f"must be at least 1, not {text}")
     return int(text)
 
 
 def positive(text: str) -> float:
-    """A number above zero."""
+    """Parse a finite number above 0."""
     value = _number(text)
     if not (value > 0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f"must be positive, not {text}")
@@ -55,15 +60,15 @@ def positive(text: str) -> float:
 
 
 def not_negative(text: str) -> float:
-    """A number that is zero or above."""
+    """Parse a finite number of at least 0."""
     value = _number(text)
     if not (value >= 0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f"must be at least 0, not {text}")
     return value
 
 
-def share(text: str) -> float:
-    """A number from 0 on that is below 1."""
+def fraction(text: str) -> float:
+    """Parse a number of at least 0 and below 1."""
     value = _number(text)
     if not 0 <= value < 1:
         raise argparse.ArgumentTypeError(f"must be at least 0 and below 1, not {text}")
@@ -72,7 +77,7 @@ def share(text: str) -> float:
 
 @contextmanager
 def usage() -> Iterator[None]:
-    """Treat a ValueError in the block, which makes settings of options, as wrong usage."""
+    """Convert a ValueError in the block to a UsageError: the values of options are wrong."""
     try:
         yield
     except ValueError as error:
@@ -87,7 +92,7 @@ def _number(text: str) -> float:
 
 
 def dataset(name: str) -> Any:
-    """A dataset's class by its name."""
+    """Return the class of a dataset by its name."""
     from nvsdata.datasets import dataset_named
 
     try:
@@ -97,17 +102,22 @@ def dataset(name: str) -> Any:
 
 
 def add_json(add: Callable[..., Any], what: str = "the result as a line of JSON") -> None:
-    """Add the option for results that programs read."""
+    """Add the option `--json`."""
     add("--json", action="store_true", help=f"print {what}")
 
 
 def add_jobs(add: Callable[..., Any], what: str, default: int = 1) -> None:
-    """Add the option for the number of processes or threads."""
+    """Add the option `--jobs` for a number of processes or threads."""
     add("--jobs", type=at_least_1, default=default, metavar="N", help=what)
 
 
 def shard(text: str) -> tuple[int, int]:
-    """A part of a whole, counted from 1, and how many parts there are."""
+    """Parse I/N: the number of a part, from 1 on, and the number of parts.
+
+    Example:
+        >>> shard("2/8")
+        (2, 8)
+    """
     part, _, parts = text.partition("/")
     if not (part.isdecimal() and parts.isdecimal() and 1 <= int(part) <= int(parts)):
         raise argparse.ArgumentTypeError(f"must be I/N, such as 1/8 to 8/8, not {text!r}")
@@ -115,7 +125,7 @@ def shard(text: str) -> tuple[int, int]:
 
 
 def add_videos(add: Callable[..., Any]) -> None:
-    """Add the options that all commands with a folder of videos have."""
+    """Add the options that all commands for a folder of videos share."""
     from nvsdata.batch.folder import FORMATS
 
     add("--format", choices=FORMATS, default="hdf5", help="format of the recordings")

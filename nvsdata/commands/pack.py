@@ -1,4 +1,4 @@
-"""`nvsdata pack`: all recordings of a dataset in one file."""
+"""The `nvsdata pack` command: packs all recordings of a dataset into one file."""
 
 from __future__ import annotations
 
@@ -15,29 +15,39 @@ from nvsdata.common.terminal import tell
 if TYPE_CHECKING:
     from nvsdata.datasets.base import EventDataset
 
-BYTES = 9  # of an event in a store
-LOOKED_AT = 50  # recordings whose events are counted for an estimate
+BYTES = 9  # bytes of an event in a store
+SAMPLED = 50  # recordings whose events are counted for an estimate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
     add("root", type=path, metavar="ROOT", help="the dataset's folder")
-    add("--dataset", required=True, type=dataset, metavar="NAME", help="as `nvsdata datasets` calls it, or folder")
-    add("--out", required=True, type=path, metavar="FILE.h5", help="the store that is written")
-    add("--split", default="all", help="pack one split only; a store of all gives any split")
-    add_jobs(add, "processes that decode")
-    add("--compress", action="store_true", help="smaller, but slower to read")
-    add("--overwrite", action="store_true", help="replace FILE.h5 if it is there")
-    add("--dry-run", action="store_true", help="say how many recordings, and about how much disk")
+    add(
+        "--dataset",
+        required=True,
+        type=dataset,
+        metavar="NAME",
+        help='name of the dataset, as in `nvsdata datasets`, or "folder" for folders with a class each',
+    )
+    add("--out", required=True, type=path, metavar="FILE.h5", help="packed store to write")
+    add("--split", default="all", help="pack one split only; a store of all recordings contains every split")
+    add_jobs(add, "number of processes that decode")
+    add("--compress", action="store_true", help="compress the store: smaller, but slower to read")
+    add("--overwrite", action="store_true", help="replace FILE.h5 if it exists")
+    add(
+        "--dry-run",
+        action="store_true",
+        help="print the number of recordings and the approximate size, and write nothing",
+    )
     add_json(add)
 
 
 def _plan(found: EventDataset, args: argparse.Namespace) -> None:
-    """Print how many recordings there are, and how many bytes they are now and will about be."""
+    """Print the number of recordings, their size and the approximate size of the store."""
     names = found.recording_names()
     size = sum(found.source.size(name) for name in names)
-    events, read = looked_at(found, names)
+    events, read = count_sample(found, names)
     needed = round(events * BYTES * size / max(read, 1))
     free = shutil.disk_usage(args.out.absolute().parent).free
     tell(
@@ -48,9 +58,9 @@ def _plan(found: EventDataset, args: argparse.Namespace) -> None:
     )
 
 
-def looked_at(found: EventDataset, names: list[str]) -> tuple[int, int]:
-    """Events, and bytes of the files, of some recordings."""
-    some = [names[n * len(names) // LOOKED_AT] for n in range(min(LOOKED_AT, len(names)))] if names else []
+def count_sample(found: EventDataset, names: list[str]) -> tuple[int, int]:
+    """Count the events of up to 50 recordings, and the bytes of their files."""
+    some = [names[n * len(names) // SAMPLED] for n in range(min(SAMPLED, len(names)))] if names else []
     events = read = 0
     for name in dict.fromkeys(some):
         with suppress(OSError, ValueError):
@@ -60,7 +70,7 @@ def looked_at(found: EventDataset, names: list[str]) -> tuple[int, int]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Pack, and say what was left out: 1 if anything was."""
+    """Pack the recordings, and print those that are left out; return 1 if there are any."""
     from nvsdata.datasets.indexing import check_choice
     from nvsdata.datasets.store.writer import pack
 

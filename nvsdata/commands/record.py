@@ -57,10 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = modes.add_argument
     folder: dict[str, Any] = {"type": path, "nargs": "?", "const": NO_VALUE}
     add("--monitor", metavar="IN", **folder, help="play and record each video of the folder IN; recordings go to OUT")
-    add("--calibrate", action="store_true", help="aim and focus, find the screen, look for flicker; figures go to OUT")
+    add("--calibrate", action="store_true", help="aim and focus, find the screen, measure flicker; results go to OUT")
     add("--status", metavar="OUT", **folder, help="print the state of the batch that --monitor records to OUT")
     add("--list", action="store_true", help="print the cameras that are connected, and record nothing")
-    doctor = "print what a recording with the other options needs and what is missing, and record nothing"
+    doctor = "check the requirements of a recording with the other options, and record nothing"
     add("--doctor", action="store_true", help=doctor)
     _add_batch(parser.add_argument_group("videos on a monitor").add_argument)
 
@@ -76,7 +76,7 @@ def _add_recording(add: Callable[..., Any]) -> None:
     place = ("X", "Y", "WIDTH", "HEIGHT")
     add("--region", type=int, nargs=4, metavar=place, help="pixels of the sensor to record (default: all)")
     add("--frames", action="store_true", help="record gray frames, too (in HDF5, AEDAT 2 and AEDAT 4)")
-    simulated = "simulate a camera that sees a moving square or the monitor, with faults such as drift=100"
+    simulated = "simulate a camera in front of a moving square or the monitor, with faults such as drift=100"
     add("--simulate", nargs="?", const="", metavar="NAME=NUMBER,...", help=simulated)
     add("--live", action="store_true", help="show events in a window")
     model = "a trained network that classifies the events: prints a line of JSON per decision (default: none)"
@@ -92,13 +92,13 @@ def _add_batch(add: Callable[..., Any]) -> None:
 
     add("--resume", action="store_true", help="continue a batch: record the videos that OUT doesn't have yet")
     add("--verify", action="store_true", help="compare the recordings with the manifest, and record nothing")
-    corners = "folder that --calibrate wrote: the screen must be where it was then (default: where the batch sees it)"
+    corners = "folder of --calibrate; the screen must be at the same place (default: it is found at the start)"
     add("--calibration", type=path, metavar="DIR", help=corners)
-    alarm = "shell command for when nothing can be recorded; the reason is in $NVSDATA_ALARM (default: none)"
+    alarm = "shell command to run when recording is impossible; $NVSDATA_ALARM has the reason (default: none)"
     add("--on-alarm", metavar="CMD", help=alarm)
-    full = "begin although the disk seems too small: a full disk ends the batch, and --resume continues it"
+    full = "start even if the disk is too small: a full disk ends the batch, and --resume continues it"
     add("--until-full", action="store_true", help=full)
-    strict = "record flagged videos again, and refuse those that stay flagged (default: list them)"
+    strict = "record flagged videos again, and reject those that stay flagged (default: list them)"
     add("--strict", action="store_true", help=strict)
     add("--accept-quiet", action="store_true", help="accept recordings with hardly any events of videos that move")
     add_videos(add)
@@ -115,7 +115,7 @@ def mode_of(args: argparse.Namespace) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record, calibrate, or play and record: 1 if anything was lost, 3 if a batch gave up."""
+    """Run the chosen mode; return 1 if data was lost, 3 if a batch was aborted."""
     from nvsdata.recording import session
     from nvsdata.recording.simulated.options import Simulation
     from nvsdata.rig import session as rig

@@ -13,7 +13,7 @@ import numpy as np
 
 from nvsdata import formats, plots
 from nvsdata.commands.emulation_settings import BuiltInEmulator, add_settings, changes_of, emulator_from, write_settings
-from nvsdata.commands.options import UsageError, add_jobs, add_json, at_least_1, path, positive, share
+from nvsdata.commands.options import UsageError, add_jobs, add_json, at_least_1, fraction, path, positive
 from nvsdata.common.errors import message_of, shown
 from nvsdata.common.files import claimed, put
 from nvsdata.common.terminal import tell
@@ -34,11 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Settings that --set gives stay fixed; the others are searched."
     )
     add = parser.add_argument
-    for name, metavar, what in (
-        ("--real", "REC", "recording of a camera that saw the video; repeat it, with its --video, for several pairs"),
-        ("--video", "VID", "video that the camera saw, or a folder of images with times, or a recording with frames"),
+    for name, metavar, text in (
+        ("--real", "REC", "recording of a camera in front of the video; for several pairs, repeat --real and --video"),
+        ("--video", "VID", "video that was recorded, or a folder of images with times, or a recording with frames"),
     ):
-        add(name, type=path, required=True, action="append", metavar=metavar, help=what)
+        add(name, type=path, required=True, action="append", metavar=metavar, help=text)
     add("--out", type=path, default=Path("tuning"), metavar="DIR", help="folder for trials, table and plots")
     add("--trials", type=at_least_1, default=100, metavar="N", help="number of settings to try")
     add("--seconds", type=positive, help="compare the first seconds only (default: all)")
@@ -47,16 +47,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--one-way",
         action="store_true",
-        help="measure distances as in the thesis, which favor too few events",
+        help="measure distances from emulated to real events only, as in the thesis; they favor too few events",
     )
     add(
         "--unseen",
-        type=share,
+        type=fraction,
         default=0.25,
-        metavar="SHARE",
-        help="last fraction of each pair, which the search doesn't use and the report is about; 0 for none",
+        metavar="FRACTION",
+        help="last fraction of each pair, which the search doesn't use; the report measures it (0 for none)",
     )
-    add_jobs(add, "trials at once")
+    add_jobs(add, "number of trials at the same time")
     add_json(add)
     add("--seed", type=int, default=0, help="seed of the search")
     add_settings(parser)

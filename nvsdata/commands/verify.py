@@ -1,4 +1,4 @@
-"""`nvsdata verify`: what is wrong with recordings, and what is lacking."""
+"""The `nvsdata verify` command: reports damaged and missing recordings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ from nvsdata.common.terminal import tell
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
-    add("root", type=path, metavar="ROOT", help="a folder or a packed store")
-    add("--dataset", type=dataset, metavar="NAME", help="dataset whose sensor and layout ROOT must have (default: any)")
-    add_json(add, "a line of JSON per fault, and one at the end")
+    add("root", type=path, metavar="ROOT", help="folder of recordings, or a packed store")
+    add(
+        "--dataset",
+        type=dataset,
+        metavar="NAME",
+        help="check the sensor and layout of this dataset, too (default: none)",
+    )
+    add_json(add, "a line of JSON for each fault, and one with the result")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,5 +38,5 @@ def run(args: argparse.Namespace) -> int:
     summary = {"faults": count, "splits": hashes} | counts
     done = f"{counts['opened']:,} recordings opened"
     done += f", {counts['compared']:,} compared with their manifest" if counts["compared"] else ""
-    tell(f"{done}: {f'{count} faults' if count else 'all sound'}", summary, as_json=args.json)
+    tell(f"{done}: {f'{count} faults' if count else 'no faults'}", summary, as_json=args.json)
     return 1 if count else 0

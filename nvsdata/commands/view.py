@@ -1,4 +1,4 @@
-"""`nvsdata view`: look at a recording."""
+"""The `nvsdata view` command: a recording as a page, an image or a film."""
 
 from __future__ import annotations
 
@@ -21,23 +21,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         type=path,
         metavar="OUT",
-        help="what to write: a page to play and turn it (.html), a sheet of moments (.png), a film (.gif, .mp4); "
-        "default: FILE's name with .html, in this folder",
+        help="file to write: a page with a player (.html), a sheet of moments (.png) or a film (.gif, .mp4) "
+        "(default: FILE's name with .html, in the current folder)",
     )
-    add("--start", type=int, metavar="US", help="from this time on, as `nvsdata info` prints it (default: beginning)")
-    add("--stop", type=int, metavar="US", help="up to this time (default: end)")
+    add("--start", type=int, metavar="US", help="start time in µs, as `nvsdata info` prints it (default: beginning)")
+    add("--stop", type=int, metavar="US", help="stop time in µs (default: end)")
     add("--relative", action="store_true", help="count --start and --stop from the first event")
-    add("--duration", type=at_least_1, metavar="US", help="µs that a picture shows (default: 33333)")
-    add("--events", type=at_least_1, metavar="N", help="events that a picture shows (default: by --duration)")
-    add("--speed", type=positive, metavar="X", default=1.0, help="of a film; 0.1 is ten times slower than real")
-    add("--fps", type=positive, metavar="N", default=30.0, help="pictures per second of a film")
-    add("--zoom", type=at_least_1, metavar="N", help="side of a pixel in a film (default: at least 480 pixels across)")
-    add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the file doesn't state it")
-    add("--overwrite", action="store_true", help="replace OUT if it is there")
+    add("--duration", type=at_least_1, metavar="US", help="time that an image shows, in µs (default: 33333)")
+    add(
+        "--events",
+        type=at_least_1,
+        metavar="N",
+        help="number of events that an image shows (default: those of --duration)",
+    )
+    add("--speed", type=positive, metavar="X", default=1.0, help="speed of a film; 0.1 is a tenth of real time")
+    add("--fps", type=positive, metavar="N", default=30.0, help="frames per second of a film")
+    add(
+        "--zoom",
+        type=at_least_1,
+        metavar="N",
+        help="size of a pixel in a film (default: the film is about 480 pixels wide)",
+    )
+    add("--sensor-size", type=sensor_size, metavar="WxH", help="sensor size in pixels, for files that don't state it")
+    add("--overwrite", action="store_true", help="replace OUT if it exists")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the picture, film or page."""
+    """Write the page, image or film."""
     from nvsdata import formats
     from nvsdata.common.files import creating
     from nvsdata.formats.reading import outside
@@ -62,7 +72,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def save(out: Path, name: str, recording: Any, events: Any, film: Any, window: int | None) -> None:
-    """Write what the extension says; `name` is a page's title."""
+    """Write a page, an image or a film, according to the extension.
+
+    Args:
+        out: File to write.
+        name: Title of a page.
+        recording: Recording of the events, whose frames a page shows, too.
+        events: Events to show.
+        film: Settings of the film or the sheet.
+        window: Length of the player's window in µs (None: default of the player).
+    """
     from nvsdata.common.files import put
     from nvsdata.plots.drawing import save_png
     from nvsdata.plots.films import save_gif, save_mp4

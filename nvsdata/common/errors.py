@@ -41,7 +41,7 @@ class FormatError(ValueError):
         ...     nvsdata.open(path)
         ... except nvsdata.FormatError as error:
         ...     print(error.reason)
-        the extension says aedat4, but the file is empty
+        the extension means aedat4, but the file is empty
     """
 
     def __init__(self, path: str | os.PathLike[str], reason: str | None = None, *, offset: int | None = None) -> None:
@@ -62,7 +62,14 @@ def line_of(error: BaseException) -> str:
 
 
 def message_of(error: BaseException) -> str:
-    """Return an error's message in printable form, on one line; a DownloadError's message keeps its line breaks."""
+    """Return an error's message in printable form, on one line.
+
+    The error number of a system error is left out, and its file comes first. A DownloadError's message keeps its line
+    breaks.
+    """
+    if isinstance(error, OSError) and error.errno is not None:
+        names = [name for name in (error.filename, error.filename2) if name is not None]
+        return shown(": ".join([*map(os.fsdecode, names), str(error.strerror)]))
     return shown(error, "\n" if isinstance(error, DownloadError) else "")
 
 

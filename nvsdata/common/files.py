@@ -129,7 +129,7 @@ def _refuse(path: Path, overwrite: bool) -> None:
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if os.path.lexists(path) and not overwrite:
-        raise FileExistsError(f"{path} is there already: --overwrite (overwrite=True) replaces it")
+        raise FileExistsError(f"{path} already exists: --overwrite (in Python overwrite=True) replaces it")
 
 
 @contextmanager

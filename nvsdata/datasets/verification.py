@@ -47,7 +47,7 @@ def problems(
     """
     counts = Counter() if counts is None else counts
     if not root.exists():
-        raise FileNotFoundError(f"{root}: there is nothing to verify")
+        raise FileNotFoundError(f"{root}: no such folder or store")
     yield from _by_manifests(root, counts)
     if dataset is not None:
         found = dataset.complete(root)

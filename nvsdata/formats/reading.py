@@ -126,6 +126,6 @@ def head_of(path: str) -> bytes:
     except BlockingIOError:
         raise FormatError(path, "is a pipe or a device, not a recording") from None
     except IsADirectoryError:
-        raise FormatError(path, "is a directory, not a recording") from None
+        raise FormatError(path, "is a folder, not a recording: give a file in it") from None
     finally:
         os.close(handle)

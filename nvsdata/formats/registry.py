@@ -142,9 +142,15 @@ def format_of(path: str, head: bytes) -> Format:
         return found
     for known in FORMATS.loaded():
         if suffix in known.suffixes:
-            what = "is empty" if not head else "does not begin as one"
-            raise FormatError(path, f"the extension says {known.name}, but the file {what}", offset=0)
-    raise FormatError(path, "empty file of unknown format" if not head else "unknown format", offset=0)
+            what = "is empty" if not head else "doesn't begin like one: it is damaged, or has a wrong extension"
+            raise FormatError(path, f"the extension means {known.name}, but the file {what}", offset=0)
+    raise FormatError(
+        path,
+        "empty file of unknown format"
+        if not head
+        else "unknown format: neither the extension nor the first bytes are of a known one",
+        offset=0,
+    )
 
 
 def _marked(head: bytes) -> Format | None:
@@ -215,7 +221,7 @@ def writer_of(path: str | os.PathLike[str], format: str | None = None) -> Format
         known = ", ".join(f"{one.name} ({', '.join(one.suffixes)})" for one in written)
         raise ValueError(f"{path}: can't write a file with {suffix!r} as {format!r}; known are {known}")
     known = ", ".join(dict.fromkeys(s for one in written for s in one.suffixes))
-    raise ValueError(f"{path}: no format is written to files with {suffix!r}; known are {known}")
+    raise ValueError(f"{path}: can't write files with the extension {suffix!r}; known are {known}")
 
 
 def suffixes() -> tuple[str, ...]:

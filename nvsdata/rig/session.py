@@ -58,7 +58,7 @@ def run_calibration(
     out.mkdir(parents=True, exist_ok=True)
     with claimed(out):
         if (out / FIGURES).exists() and not overwrite:
-            raise FileExistsError(f"{out / FIGURES} is there already: --overwrite replaces it and the files next to it")
+            raise FileExistsError(f"{out / FIGURES} already exists: --overwrite replaces it and the files next to it")
         with (
             Davis.find(serial, backend=backend) as camera,
             Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
@@ -102,7 +102,7 @@ def run_batch(
 ) -> int:
     """Play and record a folder of videos.
 
-    Returns 0 if all videos were recorded, 3 if the batch gave up because nothing could be recorded any more, else 1.
+    Returns 0 if all videos were recorded, 3 if the batch was aborted because recording became impossible, else 1.
     OSError if the disk is too small, unless `until_full`.
     """
     videos = videos_in(source, out, format)[:limit]
@@ -146,7 +146,7 @@ def run_batch(
             say(shown(f"{name}: needs review: {'; '.join(doubts)}"))
     done = [line for video in videos if (line := manifest.videos.get(video.name, {})).get("status") in DONE]
     text = f"figures, and recordings that need review, are in {shown(out / REPORT)}\n"
-    text += f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed; "
+    text += f"{result.done:,} recorded, {result.kept:,} already existed, {len(result.failed):,} failed; "
     events = sum(line["events"] for line in done)
     text += f"{len(done):,} of {len(videos):,} videos, with {events:,} events, are in {shown(out)}"
     flagged = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}

@@ -2,7 +2,7 @@
 
 Most codecs store luma and chroma. OpenCV converts them to colors, which takes a quarter of its time, and its fast
 conversion shifts luminance by up to 2.5 levels of 255. For pixel formats that begin with luma, OpenCV can return luma
-alone. The first picture shows which of its values are black and white.
+alone. Comparison with the colors of the first frame shows which luma values are black and white.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ LUMA_FIRST = frozenset(
     cv2.VideoWriter.fourcc(*name) for name in ("I420", "IYUV", "YV12", "NV12", "422P", "Y42B", "444P", "Y800", "GREY")
 )
 COARSE = 3  # gray levels by which OpenCV's colors may be off
-LEAST_SHARE = 0.99  # fraction of pixels that may not be further off
-CONTRAST = 5  # standard deviation, in gray levels, from which a picture's contrast can be measured
+LEAST_FRACTION = 0.99  # fraction of pixels that must be within that difference
+CONTRAST = 5  # standard deviation, in gray levels, from which the contrast of a frame can be measured
 
 
 class TruncatedVideo(FormatError):
@@ -70,7 +70,7 @@ def decode_video(path: Path, color: bool) -> Iterator[VideoFrame]:
                 with forkless():
                     pixels = reader.read()[1]
         if count == 0:
-            raise FormatError(path, "not one frame can be decoded")
+            raise FormatError(path, "no frame can be decoded: damaged, or a codec that OpenCV doesn't support")
         # compare durations: several containers only estimate their number of frames from the mean rate
         whole = promised * gap
         if count < promised and whole - (last + longest) > max(3 * gap, whole / 50):
@@ -81,7 +81,7 @@ def decode_video(path: Path, color: bool) -> Iterator[VideoFrame]:
 
 
 def _begin(path: Path, color: bool) -> tuple[Any, np.ndarray | None, tuple[int, int] | None]:
-    """Return OpenCV's reader, the first picture, and luma's values of black and white; None if pictures are colors."""
+    """Return OpenCV's reader, the first frame, and the luma values of black and white (None if frames have colors)."""
     reader, options = _opened(path)
     first = reader.read()[1]
     if not color and first is not None and int(reader.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) in LUMA_FIRST:
@@ -109,11 +109,11 @@ def length_of(path: Path) -> tuple[int, float]:
 
 
 def levels_of(luma: np.ndarray | None, colors: np.ndarray) -> tuple[int, int] | None:
-    """Return the values of black and white in a picture's luma, by comparison with its colors; None if in doubt.
+    """Return the luma values of black and white, by comparison of a frame with its colors; None if uncertain.
 
     Args:
         luma: Stored luma [H, W], or None.
-        colors: The same picture in blue, green and red, [H, W, 3].
+        colors: The same frame in blue, green and red, [H, W, 3].
     """
     if luma is None or luma.shape != colors.shape[:2] or luma.dtype != np.uint8:
         return None
@@ -121,7 +121,7 @@ def levels_of(luma: np.ndarray | None, colors: np.ndarray) -> tuple[int, int] | 
     blue, green, red = np.moveaxis(colors[some, some].astype(np.float64), -1, 0)
     luma, known = luma[some, some], rgb_luminance(red, green, blue)
     meant = {levels: stretch_levels(luma, levels) for levels in (FULL, STUDIO)}
-    near = [levels for levels, gray in meant.items() if (abs(gray - known) <= COARSE).mean() >= LEAST_SHARE]
+    near = [levels for levels, gray in meant.items() if (abs(gray - known) <= COARSE).mean() >= LEAST_FRACTION]
     if len(near) == 2:
         # near mid-gray both levels give nearly the same values, but not the same contrast
         near = [levels for levels in near if _same_contrast(meant[levels], known)]
@@ -129,7 +129,7 @@ def levels_of(luma: np.ndarray | None, colors: np.ndarray) -> tuple[int, int] | 
 
 
 def _same_contrast(gray: np.ndarray, known: np.ndarray) -> bool:
-    """Return whether both pictures have the same contrast, and enough of it; wrong levels change it by 16%."""
+    """Return whether both images have the same contrast, and enough of it; wrong levels change it by 16%."""
     spread = gray - gray.mean()
     return bool(gray.std() >= CONTRAST and abs((spread * known).sum() / (spread * spread).sum() - 1) < 0.06)
 
@@ -146,7 +146,7 @@ def _opened(path: Path) -> tuple[Any, list[int]]:
         options = []
         reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options)
     if not reader.isOpened():
-        raise FormatError(path, "holds no video that OpenCV can decode")
+        raise FormatError(path, "contains no video that OpenCV can decode")
     return reader, options
 
 

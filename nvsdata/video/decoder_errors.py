@@ -1,6 +1,6 @@
 """Counter of errors that FFmpeg's decoders report.
 
-FFmpeg decodes a damaged stream to smeared pictures, and OpenCV reports nothing. FFmpeg calls a function for each
+FFmpeg decodes a damaged stream to smeared frames, and OpenCV reports nothing. FFmpeg calls a function for each
 message. OpenCV's function prints them without the video's name; ours counts the errors. It is compiled, because
 FFmpeg's threads call it about five times per frame.
 """
@@ -28,6 +28,12 @@ class DecoderErrors:
 
     FFmpeg doesn't name the video of an error. If another thread ran such a block at the same time, or if errors can't
     be counted here, `found` is 0.
+
+    Example:
+        >>> with DecoderErrors() as errors:
+        ...     pass
+        >>> errors.found
+        0
     """
 
     found = 0

@@ -53,6 +53,11 @@ def frames_of(
         FormatError: It can't be decoded.
         TruncatedVideo: At the end of a file that was cut off.
         ValueError: Parameters or frames are wrong.
+
+    Example:
+        >>> frames = frames_of(np.zeros((3, 48, 64), np.uint8), fps=25)
+        >>> [frame.time for frame in frames]
+        [0, 40000, 80000]
     """
     if fps is not None:
         positive("fps", fps)
@@ -79,7 +84,13 @@ def frames_of(
 
 
 def regular_times(fps: float, first: int = 0) -> Iterator[int]:
-    """Return the times in µs of frame number `first` and those after it, at `fps` frames per second."""
+    """Return the times in µs of all frames from number `first` on, at `fps` frames per second.
+
+    Example:
+        >>> times = regular_times(25)
+        >>> next(times), next(times)
+        (0, 40000)
+    """
     return (round(n * MICROSECONDS / fps) for n in count(first))
 
 
@@ -94,11 +105,11 @@ def _at(times: Iterable[int], frames: Iterator[VideoFrame]) -> Iterator[VideoFra
 
 
 def _from_camera(number: int) -> Iterator[VideoFrame]:
-    """Yield the frames of a camera that OpenCV knows by its number, at the times of their arrival."""
+    """Yield the frames of a camera, which has this number in OpenCV, with the times of their arrival."""
     capture = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():
-            raise FileNotFoundError(f"no camera {number}")
+            raise FileNotFoundError(f"OpenCV finds no camera with the number {number}")
         start = time.monotonic_ns()
         while True:
             ok, pixels = capture.read()

@@ -20,7 +20,7 @@ MOST = 64  # steps from one frame to the next
 MARGIN = 16  # pixels around a change in which the flow is computed, too
 SMALLEST = 32  # pixels per side that OpenCV's optical flow needs
 SLIGHT = 0.1  # change of the logarithm of brightness up to which linear interpolation is as good as flow
-FLAT = 2.0  # gray levels; an image without larger differences has no flow
+FLAT = 2.0  # gray levels; no flow is computed for images without larger differences
 
 
 class Region(NamedTuple):

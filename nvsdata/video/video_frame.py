@@ -23,6 +23,10 @@ class VideoFrame(NamedTuple):
         red_first: Whether the order of colors is red, green, blue; else it is blue, green, red.
         levels: Values of black and white in gray bytes.
         whole: False for a frame that upsampling made between two frames of the video.
+
+    Example:
+        >>> VideoFrame(40_000, np.zeros((48, 64), np.uint8)).pixels.shape
+        (48, 64)
     """
 
     time: int
@@ -41,6 +45,10 @@ def as_pixels(array: np.ndarray, name: str) -> np.ndarray:
 
     Raises:
         ValueError: The shape, the type or a value isn't one of these.
+
+    Example:
+        >>> float(as_pixels(np.ones((2, 2), np.float32), "frame 0").max())
+        255.0
     """
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[..., 0]
@@ -53,7 +61,7 @@ def as_pixels(array: np.ndarray, name: str) -> np.ndarray:
         array = array.astype(np.uint8) * np.uint8(255)
     elif array.dtype.kind == "f":
         if not (np.isfinite(array).all() and array.min() >= 0 and array.max() <= 1):
-            raise ValueError(f"{name}: floats must lie in [0, 1]")
+            raise ValueError(f"{name}: floats must be in [0, 1]")
         array = array.astype(np.float64) * 255
     elif array.dtype != np.uint8:
         raise ValueError(f"{name} is {array.dtype}; it must be uint8, uint16, bool or float")
@@ -68,7 +76,7 @@ def read_image(path: str | os.PathLike[str], name: str) -> np.ndarray:
         return as_pixels(pixels, name)
     if not Path(path).exists():
         raise FileNotFoundError(f"{path}: no such image")
-    raise FormatError(path, "holds no image that OpenCV can decode")
+    raise FormatError(path, "contains no image that OpenCV can decode")
 
 
 def check_name(path: str | os.PathLike[str]) -> None:

@@ -1,9 +1,9 @@
-"""Run time of recording: the stream decoder alone, and from a simulated camera to a file.
+"""Measure the throughput of recording: of the stream decoder, and from a simulated camera to a file.
 
     python recipes/bench/recording.py --stream real_everything.bin --seconds 60 --out recording.json
 
-The camera replays prepared words at --rate events/s, in reads of up to 64 KiB. What its FIFO of 4 MB can't hold is
-dropped and counted, as is what the recorder has no room for. No USB bus is involved.
+The simulated camera replays a prepared stream at --rate events/s, in reads of up to 64 KiB. Data that overflows its
+FIFO of 4 MB is dropped and counted, and so is data for which the recorder has no buffer. No USB bus is involved.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.usb_backend import Backend
 
 PERIOD = 1 << 15  # µs between wraps of the camera's clock
-FIFO = 1 << 22  # bytes that may wait to be read
+FIFO = 1 << 22  # capacity in bytes
 Row = dict[str, Any]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--stream", type=Path, help="file with the byte stream of a DAVIS240, to decode")
+    parser.add_argument("--stream", type=Path, help="file with the byte stream of a DAVIS240, for the decoder")
     parser.add_argument("--rate", type=float, default=12e6, help="events/s (default 12 million)")
-    parser.add_argument("--seconds", type=float, default=60)
+    parser.add_argument("--seconds", type=float, default=60, help="duration of the recording in s (default 60)")
     parser.add_argument("--folder", type=Path, help="folder for the recording (default: the system's temporary folder)")
-    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    parser.add_argument("--out", type=Path, help="JSON file for the results")
     args = parser.parse_args()
     rows = [decoding(args.stream, piece) for piece in (1 << 16, 1 << 20)] if args.stream else []
     rows += [recording(rate, seconds, args.folder) for rate, seconds in ((1e6, 5.0), (args.rate, args.seconds))]
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def decoding(path: Path, piece: int) -> Row:
-    """Events/s of the decoder on one core; the stream is decoded twenty times."""
+    """Measure the events/s of the decoder on one core; the stream is decoded twenty times."""
     data = memoryview(path.read_bytes())
     decoder, events, spent = DavisDecoder(240, 180), 0, []
     for _ in range(20):
@@ -63,7 +63,7 @@ def decoding(path: Path, piece: int) -> Row:
 
 
 class Replay(SimulatedDavis):
-    """Sends the same words every 32.768 ms, ending with a wrap of the clock."""
+    """Simulated camera that sends the same data every 32.768 ms, ending with a wrap of the clock."""
 
     def __init__(self, rate: float) -> None:
         super().__init__(speed=0)
@@ -71,7 +71,7 @@ class Replay(SimulatedDavis):
         rng = np.random.default_rng(0)
         t = np.sort(rng.integers(0, PERIOD, count))
         words = np.empty(4 * count + 8, "<u2")
-        # in rows, as the sensor reads them
+        # events of the same time are in the same row, as the sensor reads them
         y = rng.integers(0, 180, PERIOD)[t]
         used = encode(t, rng.integers(0, 240, count), y, rng.integers(0, 2, count), np.array([0, -1, -1]), words)
         words[used] = 0x7001
@@ -101,7 +101,7 @@ class Replay(SimulatedDavis):
 
 
 def recording(rate: float, seconds: float, folder: Path | None) -> Row:
-    """From the camera to an HDF5 file."""
+    """Measure a recording from the camera to an HDF5 file."""
     camera = Replay(rate)
     with tempfile.TemporaryDirectory(dir=folder) as place, Davis.find(backend=Backend(camera)) as davis:
         before, start = os.times(), time.perf_counter()

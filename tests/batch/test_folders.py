@@ -40,7 +40,7 @@ def test_every_video_below_a_folder_in_order(tmp_path):
 def test_where_there_are_no_videos(tmp_path):
     with pytest.raises(FileNotFoundError) as none:
         videos_in(tmp_path, tmp_path)
-    assert str(none.value) == f"no videos below {tmp_path}; they end in {ENDINGS}"
+    assert str(none.value) == f"no videos in {tmp_path} and its subfolders; known extensions are {ENDINGS}"
     with pytest.raises(FileNotFoundError, match="gone: no such folder or video"):
         videos_in(tmp_path / "gone", tmp_path)
     with pytest.raises(

@@ -6,20 +6,20 @@ from dataclasses import replace
 import pytest
 
 from nvsdata.benchmarks import curves
-from nvsdata.benchmarks.line import Line
+from nvsdata.benchmarks.measurement import Measurement
 
 
-def line(seconds, *, events=0, error=None, work="w", task="decode", library="nvsdata", **settings):
+def line(seconds, *, events=0, error=None, benchmark="w", task="decode", library="nvsdata", **settings):
     axis = next(iter(settings), "events" if events else "")
-    return Line(
-        task=task, work=work, library=library, version="1", seconds=seconds, p95=seconds, p99=seconds, runs=3,
+    return Measurement(
+        task=task, benchmark=benchmark, library=library, version="1", seconds=seconds, p95=seconds, p99=seconds, runs=3,
         settings=settings, size={"events": events} if events else {}, axis=axis, error=error,
     )  # fmt: skip
 
 
 def test_the_front_has_what_nothing_surpasses():
     points = [(0.5, 1.0), (0.0, 9.0), (0.2, 9.5), (0.2, 4.0), (0.5, 2.0), (0.9, 0.5), (0.95, 0.5)]
-    assert curves.front(points) == [1, 3, 0, 5]
+    assert curves.pareto_indices(points) == [1, 3, 0, 5]
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
@@ -51,8 +51,13 @@ def test_a_line_bends_upward_only_if_it_grows_ever_faster_than_its_size():
 
 
 def test_works_stay_together_in_their_order():
-    lines = [line(1, work="b"), line(2, work="a"), line(3, work="b"), line(4, work="a", task="graph")]
-    assert [[one.seconds for one in group] for group in curves.works(lines)] == [[1, 3], [2], [4]]
+    lines = [
+        line(1, benchmark="b"),
+        line(2, benchmark="a"),
+        line(3, benchmark="b"),
+        line(4, benchmark="a", task="graph"),
+    ]
+    assert [[one.seconds for one in group] for group in curves.by_benchmark(lines)] == [[1, 3], [2], [4]]
 
 
 def test_what_is_drawn_as_a_tradeoff():

@@ -11,7 +11,7 @@ ALL = ["N-MNIST", "recording of a 240x180 sensor", "video", "pairs of frames and
 
 
 def test_an_empty_folder_lacks_everything(tmp_path):
-    assert inputs.lacking(tmp_path) == ALL
+    assert inputs.missing_recordings(tmp_path) == ALL
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ def test_an_empty_folder_lacks_everything(tmp_path):
 def test_what_is_there_is_found(tmp_path, name, found):
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).touch()
-    assert inputs.lacking(tmp_path) == ALL[:found] + ALL[found + 1 :]
+    assert inputs.missing_recordings(tmp_path) == ALL[:found] + ALL[found + 1 :]
 
 
 def test_the_largest_recording_of_the_sensor_is_the_street(tmp_path):
@@ -28,13 +28,13 @@ def test_the_largest_recording_of_the_sensor_is_the_street(tmp_path):
     for count, size, name in ((900, (346, 260), "a.h5"), (700, (240, 180), "b.h5"), (80, (240, 180), "c.h5")):
         nvsdata.write(inputs.random_events(count, size), tmp_path / name)
     (tmp_path / "d.aedat4").write_bytes(bytes(10**6))
-    assert len(inputs.street(Options(tmp_path, data=tmp_path))) == 700
-    assert inputs.lacking(tmp_path) == [ALL[0], *ALL[2:]]
+    assert len(inputs.sensor_recording(Options(tmp_path, data=tmp_path))) == 700
+    assert inputs.missing_recordings(tmp_path) == [ALL[0], *ALL[2:]]
 
 
 def test_without_a_folder_scenes_are_simulated(tmp_path):
     options = Options(tmp_path)
-    assert inputs.street(options).sensor_size == (240, 180)
+    assert inputs.sensor_recording(options).sensor_size == (240, 180)
     assert inputs.video(options) is None
     digits = inputs.digits(options, 3)
     assert [events.sensor_size for events in digits] == [(34, 34)] * 3

@@ -11,7 +11,7 @@ import pytest
 
 from nvsdata import cli
 from nvsdata.benchmarks import measure, runner, tasks, worker
-from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
 
 
 class Threads:
@@ -37,7 +37,7 @@ class Threads:
 
 
 def made(run, **options):
-    return lambda: Ready(run, **options)
+    return lambda: PreparedCase(run, **options)
 
 
 def fails():
@@ -57,19 +57,19 @@ def given(monkeypatch, tmp_path):
     def measured(cases, **options):
         for module in (tasks, runner):
             monkeypatch.setattr(module, "cases_of", lambda task, options: cases)
-        return list(runner.measured("decode", Options(tmp_path, quick=True), **options))
+        return list(runner.measure_task("decode", Options(tmp_path, quick=True), **options))
 
     return measured
 
 
 def test_a_line_says_what_its_case_and_its_result_say(given, monkeypatch):
-    monkeypatch.setattr(runner, "TURN", 10)
+    monkeypatch.setattr(runner, "ROUND_TIME", 10)
     case = Case(
         *("decode", "work", made(lambda: 7, error=lambda found: found / 2, counters=lambda found: {"rows": found})),
         settings={"k": 1}, size={"events": 3}, axis="k", default=True, error_kind="e",
     )  # fmt: skip
     (line,) = given([case])
-    assert (line.task, line.work, line.library, line.settings, line.size) == (
+    assert (line.task, line.benchmark, line.library, line.settings, line.size) == (
         "decode",
         "work",
         "nvsdata",
@@ -78,35 +78,35 @@ def test_a_line_says_what_its_case_and_its_result_say(given, monkeypatch):
     )
     assert (line.error, line.error_kind, line.counters, line.axis, line.default) == (3.5, "e", {"rows": 7}, "k", True)
     assert 0 < line.seconds <= line.p95 <= line.p99
-    assert line.runs == runner.FEW * runner.MOST_CALLS
+    assert line.runs == runner.QUICK_ROUNDS * runner.MOST_CALLS
     assert "cores" in line.machine
 
 
 def test_times_of_a_line_are_percentiles_of_its_calls(tmp_path):
     case = Case("decode", "work", made(lambda: 7))
     found = {"spent": list(range(101)), "version": "1", "error": None, "peak": 5, "counters": {}}
-    line = runner._line(case, found, Options(tmp_path))
+    line = runner._measurement(case, found, Options(tmp_path))
     assert (line.seconds, line.p95, line.p99, line.runs) == (50, 95, 99, 101)
     assert (line.peak_memory, line.scope) == (5, "full, simulated")
-    assert runner._line(case, found, Options(tmp_path, quick=True, data=tmp_path)).scope == "quick, given data"
+    assert runner._measurement(case, found, Options(tmp_path, quick=True, data=tmp_path)).scope == "quick, given data"
 
 
 def test_libraries_take_turns_and_each_call_is_prepared(given, monkeypatch):
-    monkeypatch.setattr(runner, "TURN", 0)
+    monkeypatch.setattr(runner, "ROUND_TIME", 0)
     log = []
     cases = [
         Case("decode", "work", made(lambda name=name: log.append(name), before=lambda: log.append("-")), library=name)
         for name in ("nvsdata", "peer")
     ]
-    assert [line.runs for line in given(cases, peers=True)] == [runner.FEW] * 2
+    assert [line.runs for line in given(cases, peers=True)] == [runner.QUICK_ROUNDS] * 2
     # each three times at first: for its error, its memory, and how long it takes
-    assert log == ["-", "nvsdata"] * 3 + ["-", "peer"] * 3 + ["-", "nvsdata", "-", "peer"] * runner.FEW
+    assert log == ["-", "nvsdata"] * 3 + ["-", "peer"] * 3 + ["-", "nvsdata", "-", "peer"] * runner.QUICK_ROUNDS
 
 
 def test_peers_are_measured_only_when_asked_for(given):
     cases = [Case("decode", "work", made(int), library=name) for name in ("nvsdata", "peer")]
     assert [line.library for line in given(cases)] == ["nvsdata"]
-    assert [line.library for line in given(cases, wanted=lambda case: case.work == "other")] == []
+    assert [line.library for line in given(cases, wanted=lambda case: case.benchmark == "other")] == []
 
 
 def test_what_cannot_be_measured_is_left_out_with_its_reason(given):
@@ -136,7 +136,7 @@ def test_a_process_that_dies_is_named_and_replaced(monkeypatch):
             pass
 
     started = []
-    monkeypatch.setattr(runner.Worker, "_start", lambda self: started.append(self._work))
+    monkeypatch.setattr(runner.Worker, "_start", lambda self: started.append(self._arguments))
     one = runner.Worker("decode", "options", "peer")
     one._connection, other = Pipe()
     one._process = Dead()
@@ -147,14 +147,14 @@ def test_a_process_that_dies_is_named_and_replaced(monkeypatch):
 
 def test_long_work_takes_fewer_turns(given, monkeypatch):
     monkeypatch.setattr(runner, "LONG", 0)
-    monkeypatch.setattr(runner, "TURN", 10)
+    monkeypatch.setattr(runner, "ROUND_TIME", 10)
     assert given([Case("decode", "work", made(int))])[0].runs == 1
 
 
 def test_the_peak_is_what_a_call_needs_for_a_while():
-    peak = measure.peak_of(lambda: np.ones(40_000_000, np.uint8).sum())
+    peak = measure.peak_memory(lambda: np.ones(40_000_000, np.uint8).sum())
     assert peak is None or 39_000_000 < peak < 60_000_000
-    assert (measure.peak_of(int) or 0) < 1_000_000
+    assert (measure.peak_memory(int) or 0) < 1_000_000
 
 
 @pytest.mark.parametrize("quick", [False, True])
@@ -162,13 +162,13 @@ def test_the_peak_is_what_a_call_needs_for_a_while():
 def test_cases_are_told_apart_and_every_curve_has_ours(tmp_path, task, quick):
     cases = tasks.cases_of(task, Options(tmp_path, quick))
     assert len({case.key for case in cases}) == len(cases)
-    ours = {case.work for case in cases if case.library == "nvsdata"}
-    assert ours == {case.work for case in cases}
+    ours = {case.benchmark for case in cases if case.library == "nvsdata"}
+    assert ours == {case.benchmark for case in cases}
     for case in cases:
         assert case.task == task
         assert case.axis == "" or case.axis in {**case.settings, **case.size}
     # those of a work stand together, so that they take turns
-    works = [case.work for case in cases]
+    works = [case.benchmark for case in cases]
     assert len([i for i, work in enumerate(works) if i == 0 or works[i - 1] != work]) == len(set(works))
 
 
@@ -176,8 +176,8 @@ def test_the_command_measures_in_processes_and_writes_what_it_found(tmp_path, ca
     out = [tmp_path / "a.json", tmp_path / "a.html"]
     words = ["bench", "represent", "--quick", "--only", "downsample", "--json", str(out[0]), "--html", str(out[1])]
     assert cli.main(words) == 0
-    (line,) = json.loads(out[0].read_text())["lines"]
-    assert (line["task"], line["work"], line["library"]) == ("represent", "downsample", "nvsdata")
+    (line,) = json.loads(out[0].read_text())["measurements"]
+    assert (line["task"], line["benchmark"], line["library"]) == ("represent", "downsample", "nvsdata")
     assert "downsample" in out[1].read_text()
     assert "represent: downsample" in capsys.readouterr().out
 
@@ -186,9 +186,9 @@ def test_the_command_measures_in_processes_and_writes_what_it_found(tmp_path, ca
     ("words", "code", "said"),
     [
         (["nothing"], 2, "unknown task 'nothing': choose from start, decode, load,"),
-        (["--data", "nowhere"], 1, "nowhere: no folder with recordings"),
+        (["--data", "nowhere"], 1, "nowhere: no such folder; --data needs a folder with recordings"),
         (["--compare", "nowhere.json"], 1, "nowhere.json"),
-        (["decode", "--only", "no such work"], 1, "no work's name contains 'no such work'"),
+        (["decode", "--only", "no such work"], 1, "no benchmark's name contains 'no such work'"),
     ],
 )
 def test_wrong_words_end_before_anything_is_measured(capsys, words, code, said):

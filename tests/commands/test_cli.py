@@ -44,7 +44,7 @@ def test_info_goes_on_after_a_bad_file(file, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "byte 0: truncated" in err
     assert "none.bin" in err
-    assert "is a directory" in err
+    assert "is a folder" in err
     assert "34x30" in out
 
 
@@ -126,10 +126,10 @@ def test_datasets_says_what_is_here_and_how_to_get_the_rest(digits, capsys):
     assert main(["datasets", "--root", str(digits.parent)]) == 0
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
     assert len(lines) == 13
-    assert lines["n-mnist"].endswith(f"here: {digits}")
+    assert lines["n-mnist"].endswith(f"in {digits}")
     assert "128x128" in lines["cifar10-dvs"]
     assert lines["cifar10-dvs"].endswith("nvsdata download cifar10-dvs")
-    assert "by hand from https://" in lines["asl-dvs"]
+    assert "manual download from https://" in lines["asl-dvs"]
 
 
 def test_pack_then_verify_and_load(digits, tmp_path, capsys):
@@ -170,7 +170,7 @@ def test_verify_names_every_fault(digits, capsys):
     for name in ("0", "1", "2", "3"):
         (digits / f"Train/{name}/00001.bin").unlink()
     assert main(["verify", str(digits)]) == 0
-    assert "all sound" in capsys.readouterr().out
+    assert "no faults" in capsys.readouterr().out
 
 
 def test_convert_between_formats(tmp_path, capsys):
@@ -190,7 +190,7 @@ def test_convert_between_formats(tmp_path, capsys):
         (["pack", "nowhere", "--dataset", "n-mnist", "--out", "a.h5"], "not a folder"),
         (["download", "asl-dvs", "--root", "asl"], "with a browser from https://"),
         (["download", "yupenn-dvs"], "can't be downloaded"),
-        (["verify", "nowhere"], "nowhere: there is nothing to verify"),
+        (["verify", "nowhere"], "nowhere: no such folder or store"),
         (["convert", "nowhere", "a.h5"], "nowhere"),
     ],
 )
@@ -266,7 +266,7 @@ def test_the_help_has_at_most_24_options(command):
 def test_a_file_that_is_there_is_replaced_only_if_asked(file, tmp_path, capsys):
     (tmp_path / "b.h5").write_text("precious")
     assert main(["convert", str(file), str(tmp_path / "b.h5")]) == 1
-    assert "b.h5 is there already: --overwrite (overwrite=True) replaces it" in capsys.readouterr().err
+    assert "b.h5 already exists: --overwrite (in Python overwrite=True) replaces it" in capsys.readouterr().err
     assert (tmp_path / "b.h5").read_text() == "precious"
     assert main(["convert", str(file), str(tmp_path / "b.h5"), "--overwrite"]) == 0
     assert nvsdata.read(tmp_path / "b.h5") == nvsdata.read(file)
@@ -354,10 +354,10 @@ def test_files_of_any_name_can_be_told_of_and_converted(tmp_path, terminal):
     assert (code, err) == (0, [])
     assert out == [f"60 events in {tmp_path}/{ascii_name}.aedat"]
     assert nvsdata.read(target, sensor_size=(34, 34)) == ev
-    code, out, err = terminal("compare", source, target, "--picture", tmp_path / f"{ODD}.png", "--sensor-size", "34x34")
+    code, out, err = terminal("compare", source, target, "--image", tmp_path / f"{ODD}.png", "--sensor-size", "34x34")
     assert (code, err) == (0, [])
     assert out[0].startswith(f"A  {tmp_path}/{ascii_name}.h5  Events(60 events")
-    assert out[-1] == f"drawn in {tmp_path}/{ascii_name}.png"
+    assert out[-1] == f"image: {tmp_path}/{ascii_name}.png"
     assert (tmp_path / f"{ODD}.png").stat().st_size > 0
 
 

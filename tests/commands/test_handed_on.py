@@ -210,7 +210,7 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "setswitchinterval", asked.append)
     failed = {}
     assert main(["convert-videos", "in"]) == 0
-    told = "1,200 converted, 3,400 were there, {} failed; 5,600,000 events converted, "
+    told = "1,200 converted, 3,400 already existed, {} failed; 5,600,000 events converted, "
     told += "4,600 recordings with 5,600,100 events in {}\n"
     assert capsys.readouterr() == (told.format(0, convert.default_out(Path("in"))), "")
     failed = {"a.avi": "cut off", "b.avi": "empty"}
@@ -268,7 +268,7 @@ def test_faults_are_counted(monkeypatch, capsys, count):
     lines = [f"{n}\\n.bin: cut off" for n in range(count)]
     assert capsys.readouterr().out.splitlines() == [
         *lines,
-        f"7 recordings opened: {f'{count} faults' if count else 'all sound'}",
+        f"7 recordings opened: {f'{count} faults' if count else 'no faults'}",
     ]
 
 
@@ -368,7 +368,7 @@ def test_a_journal_goes_once_its_recording_is_whole(tmp_path, monkeypatch, capsy
     assert main(["convert", source, "b.h5", "--sensor-size", "4x3", *(["--repair"] if repairs else [])]) == 0
     assert (tmp_path / source).exists() == stays
     assert asked == [{"sensor_size": (4, 3), "strict": not repairs}]
-    told = ["b.h5 can't hold everything: frames and triggers are left out\n"] if lost else []
+    told = ["b.h5 can't contain everything: frames and triggers are left out\n"] if lost else []
     told += [f"{source}: 1200 bytes\n"] if repairs else []
     assert capsys.readouterr() == ("1,200 events in b.h5\n", "".join(told))
 

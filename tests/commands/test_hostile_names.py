@@ -16,8 +16,8 @@ from clips import write_video
 import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata.batch import run
-from nvsdata.benchmarks.line import Line
-from nvsdata.benchmarks.page import page as bench_page
+from nvsdata.benchmarks.measurement import Measurement
+from nvsdata.benchmarks.page import benchmark_page as bench_page
 from nvsdata.cli import COMMANDS, main
 from nvsdata.common import locks, progress
 from nvsdata.common.errors import DownloadError, message_of, shown
@@ -116,7 +116,7 @@ def calls(root):
         ("convert", 0, sound, out.with_suffix(".raw")),
         ("convert", 1, broken, out.with_suffix(".npy")),
         ("convert", 2, sound, out),
-        ("compare", 0, sound, other, "--picture", out.with_suffix(".png")),
+        ("compare", 0, sound, other, "--image", out.with_suffix(".png")),
         ("convert-videos", 0, videos, "--out", out, "--dry-run"),
         ("convert-videos", 1, videos, "--out", out, "--verbose", "--preview"),
         ("convert-videos", 1, videos, "--out", out, "--fps", "10"),
@@ -175,9 +175,11 @@ def test_every_page_shows_names_as_text(root):
     shelf.show(TAG, events)
     harmless(gallery(TAG, [shelf, shelf], [TAG]))
     harmless(EventFolder(root)._repr_html_())
-    line = Line(TAG, TAG, TAG, TAG, 1.0, 1.0, 1.0, 1, {TAG: TAG}, {TAG: 3}, TAG, error_kind=TAG, machine=TAG, date=TAG)
+    line = Measurement(
+        TAG, TAG, TAG, TAG, 1.0, 1.0, 1.0, 1, {TAG: TAG}, {TAG: 3}, TAG, error_kind=TAG, machine=TAG, date=TAG
+    )
     harmless(bench_page([line]))
-    grown = [Line(TAG, "work", "nvsdata", "", n, n, n, 1, size={TAG: n}, axis=TAG) for n in (1, 2, 4)]
+    grown = [Measurement(TAG, "work", "nvsdata", "", n, n, n, 1, size={TAG: n}, axis=TAG) for n in (1, 2, 4)]
     harmless(bench_page(grown))
     recorded = {"video": TAG, "status": TAG, "reason": TAG, "look": [TAG]}
     harmless(report_page([recorded], {}, TAG, TAG))

@@ -55,7 +55,7 @@ def test_files_as_json(said, tmp_path):
     assert (empty["events"], empty["first"], empty["on"]) == (0, None, None)
     code, (made,) = said("convert", "--json", tmp_path / "a.h5", tmp_path / "b.aedat")
     assert (code, made["events"], made["out"]) == (0, 2, str(tmp_path / "b.aedat"))
-    pictures = ["--picture", tmp_path / "c.png"]
+    pictures = ["--image", tmp_path / "c.png"]
     code, (apart,) = said("compare", "--json", tmp_path / "a.h5", tmp_path / "a.h5", *pictures)
     # JSON has no NaN: two events aren't enough for a distance
     assert (code, apart["chamfer"]["value"], apart["emulated_events"]) == (0, None, [1, 1])
@@ -181,14 +181,14 @@ def test_caches_are_found_and_removed(said, digits, tmp_path, capsys):
     kinds = {one["kind"]: one for one in found}
     assert (code, sorted(kinds)) == (0, ["index", "samples"])
     assert kinds["samples"]["path"] == str(tmp_path / "kept")
-    assert summary == {"in_all": sum(one["bytes"] for one in found)}
+    assert summary == {"total": sum(one["bytes"] for one in found)}
     assert main(["cache", "clear", str(tmp_path)]) == 0
     assert "removed: " in capsys.readouterr().out
     # only what a user put there is left
     assert sorted(path.name for path in (tmp_path / "kept").rglob("*")) == ["empty", "folder", "mine.txt"]
     (tmp_path / "kept/mine.txt").unlink()
     assert (tmp_path / "other/CACHEDIR.TAG").exists()
-    assert said("cache", "info", tmp_path, "--json") == (0, [{"in_all": 0}])
+    assert said("cache", "info", tmp_path, "--json") == (0, [{"total": 0}])
     assert main(["cache", "info", str(tmp_path / "none")]) == 1
     assert "no such folder" in capsys.readouterr().err
     # it is made again
@@ -288,7 +288,7 @@ def test_the_shell_is_told_how_a_line_goes_on(monkeypatch):
     commands = next(action for action in parser._actions if action.dest == "command")
     assert "convert-videos" in commands.choices
     assert "--shard" in commands.choices["convert-videos"].format_help()
-    assert cli._words("nvsdata info 'a") == ["info", "'a"]
+    assert cli._split_line("nvsdata info 'a") == ["info", "'a"]
     assert b"PYTHON_ARGCOMPLETE_OK" in Path(cli.__file__).read_bytes()[:1024]
 
 

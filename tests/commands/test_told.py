@@ -79,7 +79,7 @@ def two(tmp_path):
 def test_compare_tells_distances_and_how_many_frames_they_are_of(two, tmp_path, capsys):
     a, b = map(nvsdata.read, two)
     picture = tmp_path / "c.png"
-    words = ["compare", *map(str, two), "--picture", str(picture), "--fps", "20", "--offset", "60000"]
+    words = ["compare", *map(str, two), "--image", str(picture), "--fps", "20", "--offset", "60000"]
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == [f"A  {two[0]}  {a}", f"B  {two[1]}  {b}"]
@@ -96,14 +96,14 @@ def test_compare_tells_distances_and_how_many_frames_they_are_of(two, tmp_path, 
         assert line.split() == [name, f"{there.value:.4f}", f"{back.value:.4f}", "2", "0", "1"]
     assert lines[6:8] == ["", "events  A  B  A / B"]
     assert [line.split()[0] for line in lines[8:10]] == ["OFF", "ON"]
-    assert lines[10:] == [f"drawn in {picture}"]
+    assert lines[10:] == [f"image: {picture}"]
     assert picture.stat().st_size > 0
 
 
 def test_compare_says_at_once_that_a_folder_is_not_there(two, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(metrics, "compare", None)
-    assert main(["compare", *map(str, two), "--picture", str(tmp_path / "no/c.png")]) == 1
-    assert f"No such file or directory: '{tmp_path / 'no'}'" in capsys.readouterr().err
+    assert main(["compare", *map(str, two), "--image", str(tmp_path / "no/c.png")]) == 1
+    assert f"{tmp_path / 'no'}: No such file or directory" in capsys.readouterr().err
 
 
 def test_compare_uses_30_frames_per_second_and_no_offset(two, tmp_path, capsys, monkeypatch):
@@ -122,7 +122,7 @@ def test_convert_tells_how_many_events_and_what_is_left_out(tmp_path, capsys):
     assert main(["convert", str(tmp_path / "a.h5"), str(tmp_path / "b.txt")]) == 0
     out, err = capsys.readouterr()
     assert out == f"1,234 events in {tmp_path / 'b.txt'}\n"
-    assert err.startswith(f"{tmp_path / 'b.txt'} can't hold everything: ")
+    assert err.startswith(f"{tmp_path / 'b.txt'} can't contain everything: ")
     assert err.endswith(" are left out\n")
     assert main(["convert", str(tmp_path / "b.txt"), str(tmp_path / "c.h5"), "--sensor-size", "8x8"]) == 0
     assert capsys.readouterr().err == ""
@@ -151,12 +151,12 @@ def test_where_a_dataset_is(tmp_path, names, wanted, found):
 def test_the_table_of_datasets_has_their_facts(tmp_path):
     told = datasets.table(datasets.facts_of(tmp_path / "nowhere"))
     lines = {line.split()[0]: " ".join(line.split()) for line in told.splitlines()}
-    assert lines["name"] == "name sensor recordings classes size license here, or how to get it"
+    assert lines["name"] == "name sensor recordings classes size license location or source"
     assert lines["n-mnist"] == "n-mnist 34x34 70,000 10 ? CC BY-SA 4.0 nvsdata download n-mnist"
     assert lines["mnist-dvs"].startswith("mnist-dvs 128x128 30,000 10 6.2 GB not stated ")
     assert lines["n-cars"].startswith("n-cars 120x100 24,029 2 0.5 GB Prophesee's, ")
     assert lines["asl-dvs"].endswith(
-        " not stated by hand from https://www.dropbox.com/sh/ibq0jsicatn7l6r/AACNrNELV56rs1YInMWUs9CAa"
+        " not stated manual download from https://www.dropbox.com/sh/ibq0jsicatn7l6r/AACNrNELV56rs1YInMWUs9CAa"
     )
     assert "folder" not in lines
 
@@ -199,7 +199,7 @@ def test_words_become_values(kind, taken, refused):
 DEFAULTS = {
     "demo": ([], {"out": Path("nvsdata-demo"), "epochs": 40, "seed": 0}),
     "view": (["a"], {"speed": 1.0, "fps": 30.0}),
-    "gallery": (["a"], {"split": "all", "read": 20, "pictures": 6}),
+    "gallery": (["a"], {"split": "all", "read": 20, "images": 6}),
     "datasets": ([], {"root": Path()}),
     "cache": (["info"], {}),
     "pack": (["a", "--dataset", "folder", "--out", "b"], {"split": "all", "jobs": 1}),
@@ -208,7 +208,7 @@ DEFAULTS = {
         ["a"],
         {"jobs": max(1, cores() // 2), "format": "hdf5", "fit": "pad", "start": 0.0, "stop": inf, "set": []},
     ),
-    "compare": (["a", "b"], {"fps": 30.0, "offset": 0, "picture": Path("compare.png")}),
+    "compare": (["a", "b"], {"fps": 30.0, "offset": 0, "image": Path("compare.png")}),
     "tune": (
         ["--real", "a", "--video", "b"],
         {"trials": 100, "offset": 0, "jobs": 1, "seed": 0, "out": Path("tuning"), "unseen": 0.25, "set": []},

@@ -83,7 +83,7 @@ def rows(page):
 
 
 def test_a_gallery_has_a_row_for_each_class(classes, capsys):
-    assert main(["gallery", "pets", "--pictures", "2"]) == 0
+    assert main(["gallery", "pets", "--images", "2"]) == 0
     assert "7 of 7 recordings read: pets.html" in capsys.readouterr().out
     page = (classes.parent / "pets.html").read_text("utf-8")
     assert rows(page) == {
@@ -128,7 +128,10 @@ def test_a_gallery_of_pairs_is_none(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     trees.put(tmp_path / "aslan", trees.aslandvs(view2=True))
     assert main(["gallery", "aslan", "--dataset", "aslan-dvs"]) == 1
-    assert "samples of ASLANDVS are pairs: look at their recordings with `nvsdata view`" in capsys.readouterr().err
+    assert (
+        "samples of ASLANDVS are pairs of recordings: use `nvsdata view` for single recordings"
+        in capsys.readouterr().err
+    )
     assert not (tmp_path / "aslan.html").exists()
 
 

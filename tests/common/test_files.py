@@ -164,7 +164,7 @@ def test_what_is_there_is_replaced_only_if_wanted(tmp_path):
         with pytest.raises(IsADirectoryError) as raised, creating(tmp_path / "folder", overwrite=overwrite):
             pass
         assert (raised.value.errno, raised.value.filename) == (errno.EISDIR, str(tmp_path / "folder"))
-    with pytest.raises(FileExistsError, match="a is there already"), creating(tmp_path / "a", overwrite=False):
+    with pytest.raises(FileExistsError, match="a already exists"), creating(tmp_path / "a", overwrite=False):
         pass
     with locked(tmp_path / "a"), pytest.raises(OutputInUse), creating(tmp_path / "a", overwrite=True):
         pass

@@ -275,7 +275,7 @@ def test_a_folder_of_unknown_kind_has_recordings_and_lists(tmp_path):
     assert found["a/2.BIN"] == "empty"
     with pytest.raises(FileNotFoundError, match="no recordings below"):
         list(problems(trees.put(tmp_path / "lists", {"1.txt": b"cat 1\n"})))
-    with pytest.raises(FileNotFoundError, match="there is nothing to verify"):
+    with pytest.raises(FileNotFoundError, match="no such folder or store"):
         list(problems(tmp_path / "nowhere"))
 
 

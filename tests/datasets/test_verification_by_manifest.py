@@ -41,7 +41,7 @@ def manifest(out, change):
 
 def test_a_sound_folder_says_how_many_recordings_were_opened_and_compared(out, capsys):
     assert main(["verify", str(out)]) == 0
-    assert capsys.readouterr().out == "4 recordings opened, 4 compared with their manifest: all sound\n"
+    assert capsys.readouterr().out == "4 recordings opened, 4 compared with their manifest: no faults\n"
     assert main(["verify", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"faults": 0, "splits": {}, "opened": 4, "compared": 4}
 

@@ -138,7 +138,7 @@ def test_broken_videos_are_reported_and_the_rest_goes_on(videos, tmp_path, capfd
     write_video(videos / "walk/c.avi", moving_square(1))
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out")]) == 1
     out, err = capfd.readouterr()
-    assert "2 converted, 0 were there, 2 failed" in out
+    assert "2 converted, 0 already existed, 2 failed" in out
     assert "run/a.avi: " in err
     assert "holds no video" in err
     assert "of 60 frames" in err
@@ -212,7 +212,7 @@ def test_wrong_arguments(videos, tmp_path, capsys):
     with pytest.raises(FileNotFoundError, match="no such folder"):
         convert_videos(tmp_path / "none")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FileNotFoundError, match="no videos below"):
+    with pytest.raises(FileNotFoundError, match="no videos in"):
         convert_videos(tmp_path / "empty")
     with pytest.raises(ValueError, match="format must be one of hdf5"):
         convert_videos(videos, format="h5")
@@ -372,12 +372,12 @@ def test_names_with_newlines_work_and_others_than_utf8_are_refused_at_the_beginn
 
 def test_the_command_says_by_its_exit_code_whether_any_video_failed(videos, tmp_path, capsys):
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out")]) == 0
-    assert "4 converted, 0 were there, 0 failed" in capsys.readouterr().out
+    assert "4 converted, 0 already existed, 0 failed" in capsys.readouterr().out
     (videos / "run/broken.avi").write_bytes(b"no video at all" * 100)
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out")]) == 1
     found = capsys.readouterr()
     assert "run/broken.avi" in found.err
-    assert "0 converted, 4 were there, 1 failed" in found.out
+    assert "0 converted, 4 already existed, 1 failed" in found.out
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "other"), "--dry-run"]) == 0
     assert not (tmp_path / "other").exists()
 
@@ -448,9 +448,11 @@ def test_an_altered_recording_of_the_same_size_is_found_by_check(videos, tmp_pat
     victim.write_bytes(sound[:-1] + bytes([sound[-1] ^ 1]))
     capsys.readouterr()
     assert main(command) == 0
-    assert capsys.readouterr().out.startswith("0 converted, 4 were there, 0 failed; 0 events converted, 4 recordings")
+    assert capsys.readouterr().out.startswith(
+        "0 converted, 4 already existed, 0 failed; 0 events converted, 4 recordings"
+    )
     assert main([*command, "--check"]) == 0
-    assert capsys.readouterr().out.startswith("1 converted, 3 were there, 0 failed")
+    assert capsys.readouterr().out.startswith("1 converted, 3 already existed, 0 failed")
     assert nvsdata.read(victim) == PIX2NVS().emulate(videos / "run/a.avi")
     # what is shorter or gone is converted again in any case
     victim.write_bytes(sound[:-1])
@@ -502,7 +504,7 @@ def test_a_damaged_stream_is_marked_in_the_manifest(videos, tmp_path, capsys):
         assert found.pop("run/a.mp4") >= 1
         assert not any(found.values())
         assert "run/a.mp4: its stream is damaged, frames may be smeared: " in told.err
-        assert told.out.startswith("4 converted, 0 were there, 0 failed")
+        assert told.out.startswith("4 converted, 0 already existed, 0 failed")
 
 
 def films(out):
@@ -527,7 +529,7 @@ def test_a_preview_shows_frames_and_events_side_by_side(videos, tmp_path):
         assert abs(right - expected).mean() < 20
     # neither videos nor recordings
     assert len(EventFolder(out)) == 4
-    with pytest.raises(FileNotFoundError, match="no videos below"):
+    with pytest.raises(FileNotFoundError, match="no videos in"):
         videos_in(out, tmp_path / "other")
     # a recording that is made anew has no preview of the one before
     convert_videos(videos, out, size=(32, 24), format="text", overwrite=True)
@@ -542,7 +544,7 @@ def test_previews_are_made_where_there_is_none(videos, tmp_path, capsys):
         assert main(["convert-videos", str(videos), "--out", str(out), "--preview", "--jobs", jobs]) == 0
         told = capsys.readouterr()
         assert f"previews are in {out / '.previews'}\n" in told.err
-        assert told.out.startswith("0 converted, 4 were there, 0 failed")
+        assert told.out.startswith("0 converted, 4 already existed, 0 failed")
         assert len(films(out)) == 4
         for name in films(out)[: int(jobs) + 1]:
             (out / ".previews" / name).unlink()
@@ -593,7 +595,7 @@ def test_what_keeps_a_preview_from_being_made_costs_no_recording(videos, tmp_pat
     assert main(["convert-videos", str(videos / "run/a.avi"), "--out", str(out), "--preview"]) == 0
     told = capsys.readouterr()
     assert "a.avi: no preview: no codec\n" in told.err
-    assert told.out.startswith("1 converted, 0 were there, 0 failed")
+    assert told.out.startswith("1 converted, 0 already existed, 0 failed")
 
     def full(pictures, path, fps):
         raise OSError(errno.ENOSPC, "full")

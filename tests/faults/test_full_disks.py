@@ -157,7 +157,8 @@ def test_every_command_names_the_file_that_has_no_room(tmp_path, events, name, c
         (tmp_path / "disk/full").write_bytes(b"x" * PAGE)
         assert main([word.format(tmp_path, tmp_path / "disk") for word in COMMANDS[name]]) == 1
         error = capsys.readouterr().err.splitlines()[-1]
-        assert error.startswith(f"nvsdata {COMMANDS[name][0]}: [Errno 28]")
+        assert error.startswith(f"nvsdata {COMMANDS[name][0]}: ")
+        assert "No space left on device" in error or "the disk has 0.0 MB left" in error
         assert str(tmp_path / "disk") in error
         assert not [path for path in (tmp_path / "disk").iterdir() if path.suffix and path.suffix != ".part"]
 
@@ -205,14 +206,14 @@ def test_a_folder_of_videos_goes_on_where_the_disk_was_full(tmp_path):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        ("view a.h5 disk/v.html", "'disk/v.html'"),
-        ("view a.h5 disk/v.png", "'disk/v.png'"),
-        ("view a.h5 disk/v.gif", "'disk/v.gif'"),
-        ("gallery data disk/g.html", "'disk/g.html'"),
-        ("compare a.h5 data/b/b.h5 --picture disk/c.png", "'disk/c.png'"),
-        ("convert a.h5 disk/c.aedat", "'disk/c.aedat'"),
-        ("pack data --dataset folder --out disk/p.h5", "'disk/p.h5'"),
-        ("convert-videos videos --out disk/cv", "'disk/cv/manifest.jsonl'"),
+        ("view a.h5 disk/v.html", "disk/v.html: "),
+        ("view a.h5 disk/v.png", "disk/v.png: "),
+        ("view a.h5 disk/v.gif", "disk/v.gif: "),
+        ("gallery data disk/g.html", "disk/g.html: "),
+        ("compare a.h5 data/b/b.h5 --image disk/c.png", "disk/c.png: "),
+        ("convert a.h5 disk/c.aedat", "disk/c.aedat: "),
+        ("pack data --dataset folder --out disk/p.h5", "disk/p.h5: "),
+        ("convert-videos videos --out disk/cv", "disk/cv/manifest.jsonl: "),
         ("record --simulate --seconds 0.1 --out disk/r.h5", "disk/r.h5"),
     ],
 )
@@ -242,7 +243,7 @@ def test_an_error_that_names_no_file_gets_the_paths_that_were_given(tmp_path, mo
 
     monkeypatch.setattr(compare, "run", broken)
     assert main(["compare", "a.h5", "b.h5"]) == 1
-    assert capsys.readouterr().err.startswith("nvsdata compare: [Errno 5] Input/output error (one of: a.h5, b.h5, ")
+    assert capsys.readouterr().err.startswith("nvsdata compare: Input/output error (one of: a.h5, b.h5, ")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device that is always full")
@@ -255,5 +256,5 @@ def test_results_that_find_no_room_are_an_error(tmp_path, events):
             )
         assert (done.returncode, done.stderr) == (
             1,
-            f"nvsdata {command[0]}: [Errno 28] No space left on device: 'standard output'\n",
+            f"nvsdata {command[0]}: standard output: No space left on device\n",
         )

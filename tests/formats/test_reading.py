@@ -63,10 +63,13 @@ def test_windows_that_count_from_the_first_event(path):
     ("name", "content", "reason"),
     [
         ("a.xyz", b"", "empty file of unknown format"),
-        ("a.xyz", b"\0\xff" * 300, "unknown format"),
-        ("a.H5", b"", "the extension says hdf5, but the file is empty"),
-        ("a.h5", b"\0\xff" * 300, "the extension says hdf5, but the file does not begin as one"),
-        ("a.raw", b"", "the extension says evt3, but the file is empty"),
+        ("a.xyz", b"\0\xff" * 300, "unknown format: neither the extension nor the first bytes are of a known one"),
+        ("a.H5", b"", "the extension means hdf5, but the file is empty"),
+        (
+            *("a.h5", b"\0\xff" * 300),
+            "the extension means hdf5, but the file doesn't begin like one: it is damaged, or has a wrong extension",
+        ),
+        ("a.raw", b"", "the extension means evt3, but the file is empty"),
     ],
 )
 def test_files_of_no_known_format(tmp_path, name, content, reason):
@@ -77,9 +80,9 @@ def test_files_of_no_known_format(tmp_path, name, content, reason):
 
 
 def test_extensions_that_are_not_written_are_told_those_that_are(tmp_path):
-    with pytest.raises(ValueError, match="no format is written to files with") as caught:
+    with pytest.raises(ValueError, match="can't write files with the extension") as caught:
         nvsdata.write(EV, tmp_path / "a.mat")
-    known = str(caught.value).partition("with '.mat'; known are ")[2].split(", ")
+    known = str(caught.value).partition("extension '.mat'; known are ")[2].split(", ")
     assert len(known) == len(set(known))
     assert {".raw", ".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat4", ".npy"} <= set(known)
     assert ".mat" not in known

@@ -15,7 +15,7 @@ def test_an_ablation_goes_on_where_it_was_and_draws_its_groups(run, fake_nmnist,
 
     monkeypatch.setattr(training, "votes", noted)
     flags = ["--root", fake_nmnist, "--out", tmp_path, "--only", "metric", "--seeds", 0, "--epochs", 1]
-    assert "0 runs are there, 2 are left" in run("ablation.py", *flags)
+    assert "0 runs are done, 2 are left" in run("ablation.py", *flags)
     head, *lines = map(json.loads, (tmp_path / "runs.jsonl").read_text().splitlines())
     assert head["epochs"] == 1
     assert "'k': 1, " in head["defaults"]
@@ -33,7 +33,7 @@ def test_an_ablation_goes_on_where_it_was_and_draws_its_groups(run, fake_nmnist,
     pictures = {"metric.png", "front-window_ms.png", "front-minutes.png"}
     assert pictures <= {path.name for path in tmp_path.iterdir()}
     again = run("ablation.py", *flags)
-    assert "2 runs are there, 0 are left" in again
-    assert "literal" in again
+    assert "2 runs are done, 0 are left" in again
+    assert "beta = 5e-6" in again
     with pytest.raises(SystemExit, match="has runs of other epochs"):
         run("ablation.py", *flags[:-1], 2)

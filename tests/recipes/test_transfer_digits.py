@@ -52,7 +52,7 @@ def test_four_cells_from_one_command(tmp_path, fake_nmnist, run, monkeypatch):
 
 def test_digits_on_any_sensor(tmp_path, run, monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.datasets", SimpleNamespace(load_digits=bars))
-    words = "draw_digits.py", "--out", tmp_path, "--size", 60, 50, "--events", 6_000, "--digits", 12
+    words = "emulate_digits.py", "--out", tmp_path, "--size", 60, 50, "--events", 6_000, "--digits", 12
     assert "12 digits by DVS(on=" in run(*words)
     dataset = EventFolder(tmp_path)
     assert len(dataset) == 12

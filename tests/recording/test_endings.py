@@ -207,7 +207,7 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path, capsys):
     path = tmp_path / "a.h5"
     path.write_bytes(b"mine")
     assert main(["record", "--simulate", "--out", str(path)]) == 1
-    assert f"{path} is there already: --overwrite (overwrite=True) replaces it" in capsys.readouterr().err
+    assert f"{path} already exists: --overwrite (in Python overwrite=True) replaces it" in capsys.readouterr().err
     assert path.read_bytes() == b"mine"
     assert main(["record", "--simulate", "--seconds", "0.1", "--overwrite", "--out", str(path)]) == 0
     assert len(nvsdata.read(path)) > 1_000

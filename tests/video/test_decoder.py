@@ -197,7 +197,7 @@ def test_small_frames_are_decoded_in_one_thread(monkeypatch, tmp_path, sizes, al
     monkeypatch.setattr(decoder, "in_one_thread", lambda: alone)
     monkeypatch.setattr(cv2, "VideoCapture", opened)
     if sizes[-1] is None:
-        with pytest.raises(FormatError, match="holds no video that OpenCV can decode"):
+        with pytest.raises(FormatError, match="contains no video that OpenCV can decode"):
             _opened(tmp_path)
     else:
         assert _opened(tmp_path)[1] == asked[-1]

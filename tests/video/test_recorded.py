@@ -82,7 +82,7 @@ def test_folders_that_are_no_videos_are_refused_by_name(tmp_path, file, listed, 
 def test_images_that_cannot_be_decoded_are_named(tmp_path):
     path = folder(tmp_path, "1\n2\n3", file="timestamps.txt")
     (path / "frame_2.png").write_bytes(b"\x89PNG nothing")
-    with pytest.raises(FormatError, match=r"frame_2\.png: holds no image that OpenCV can decode"):
+    with pytest.raises(FormatError, match=r"frame_2\.png: contains no image that OpenCV can decode"):
         list(frames_of(path))
 
 

@@ -60,7 +60,7 @@ def test_other_pictures_and_paths():
         ({"path": ((0, 0),)}, "a path has at least a beginning and an end"),
         ({"size": (0, 5)}, "size must be"),
         ({"still": np.zeros(5)}, "the image has shape"),
-        ({"still": np.full((4, 4), 2.0)}, "the image: floats must lie in"),
+        ({"still": np.full((4, 4), 2.0)}, "the image: floats must be in"),
     ],
 )
 def test_what_cannot_be_shown_is_refused(wrong, said):

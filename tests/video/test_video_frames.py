@@ -189,9 +189,9 @@ def test_what_arrays_mean(array, pixels):
         (np.zeros((1, 5, 5, 3)), r"frame 1 has shape \(1, 5, 5, 3\)"),
         (np.zeros((5, 3, 1, 1)), r"frame 1 has shape \(5, 3, 1, 1\)"),
         (np.zeros((2, 2), np.int16), "frame 1 is int16; it must be uint8, uint16, bool or float"),
-        (np.full((2, 2), 1.0001), r"frame 1: floats must lie in \[0, 1\]"),
-        (np.full((2, 2), -0.0001), r"frame 1: floats must lie in \[0, 1\]"),
-        (np.array([[0.5, np.nan]]), r"frame 1: floats must lie in \[0, 1\]"),
+        (np.full((2, 2), 1.0001), r"frame 1: floats must be in \[0, 1\]"),
+        (np.full((2, 2), -0.0001), r"frame 1: floats must be in \[0, 1\]"),
+        (np.array([[0.5, np.nan]]), r"frame 1: floats must be in \[0, 1\]"),
     ],
 )
 def test_which_arrays_are_no_frames(array, message):
@@ -289,7 +289,7 @@ def test_a_container_without_a_picture(tmp_path, monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", FakeCapture)
     monkeypatch.setattr(FakeCapture, "stamps", (0.0,))
     monkeypatch.setattr(FakeCapture, "read", lambda self: (False, None))
-    with pytest.raises(FormatError, match="not one frame can be decoded"):
+    with pytest.raises(FormatError, match="no frame can be decoded"):
         list(frames_of(tmp_path / "a.mkv"))
 
 

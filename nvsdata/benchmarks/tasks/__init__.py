@@ -1,4 +1,4 @@
-"""Tasks that can be measured, one module each."""
+"""Tasks of `nvsdata bench`, one module each."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from importlib import import_module
 
 from nvsdata.benchmarks.case import Case, Options
 
-# a module of this package each, and what `nvsdata bench --help` says of it
+# modules of this package, and their description in `nvsdata bench --help`
 TASKS = {
-    "start": "new processes to their first result, and their memory",
-    "decode": "files of events, whole and in windows, and what they take on disk",
-    "load": "samples through a DataLoader, from files and from a packed store",
-    "graph": "events to graphs",
-    "represent": "events to frames, voxel grids, surfaces and other tensors",
-    "emulate": "frames to events",
-    "motion": "frames of a known motion to events, and how far these are from their true times",
-    "metrics": "distances between streams of events",
-    "layers": "single graph convolutions, forward and backward",
-    "train": "steps of training",
-    "infer": "networks' scores, and windows of recordings to classes",
+    "start": "time from the start of a process to its first result, and its memory",
+    "decode": "reading event files, entire and in windows; their size on disk",
+    "load": "loading samples with a DataLoader, from files and from a packed store",
+    "graph": "converting events to graphs",
+    "represent": "converting events to frames, voxel grids, time surfaces and other tensors",
+    "emulate": "emulating events from frames",
+    "motion": "emulating events of a known motion; errors of their times",
+    "metrics": "distances between event streams",
+    "layers": "single graph convolutions, forward and backward pass",
+    "train": "training steps",
+    "infer": "inference of networks, and classification of windows",
 }
 
 
 def cases_of(task: str, options: Options) -> list[Case]:
-    """The cases of a task, those of the same work together."""
+    """Return the cases of a task, grouped by benchmark."""
     found: list[Case] = import_module(f"nvsdata.benchmarks.tasks.{task}").cases(options)
-    works = list(dict.fromkeys(case.work for case in found))
-    return sorted(found, key=lambda case: works.index(case.work))
+    names = list(dict.fromkeys(case.benchmark for case in found))
+    return sorted(found, key=lambda case: names.index(case.benchmark))

@@ -1,4 +1,4 @@
-"""Files of events: whole, in windows, and what their compression costs."""
+"""Benchmarks of reading event files, entire and in windows, and of their size on disk."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 import scipy.io
 
 from nvsdata import formats
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.inputs import random_events, street
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.inputs import random_events, sensor_recording
 from nvsdata.data.events import Events
 
 SIZE = 128, 128
@@ -23,15 +23,15 @@ DIFFERENT = "events that differ from those written"
 SUFFIXES = ".bin", ".dat", ".aedat", ".aedat3", ".aedat4", ".h5", ".npy", ".txt"
 EVT = {".evt2.raw": "evt2", ".evt21.raw": "evt2.1", ".evt3.raw": "evt3"}
 SLOW = ".txt", ".npy"
-KEPT = ".h5", ".h5, gzip", ".h5, lzf", ".aedat4", ".evt3.raw", ".evt2.raw", ".dat", ".npy"
+STORED = ".h5", ".h5, gzip", ".h5, lzf", ".aedat4", ".evt3.raw", ".evt2.raw", ".dat", ".npy"
 
 
 def cases(options: Options) -> list[Case]:
-    """Entire files compared with peers and with a copy of their bytes; growing files; windows; sizes on disk."""
-    return [*_whole(options), *_matlab(options), *_growing(options), *_windows(options), *_sizes(options)]
+    """Return cases: files compared with other libraries and with a copy of the bytes; growing files; windows; sizes."""
+    return [*_entire_files(options), *_matlab(options), *_growing(options), *_windows(options), *_sizes(options)]
 
 
-def _whole(options: Options) -> Iterator[Case]:
+def _entire_files(options: Options) -> Iterator[Case]:
     count = 200_000 if options.quick else 2_000_000
     for suffix in (*SUFFIXES, *EVT):
         amount = count // 10 if suffix in SLOW else count
@@ -43,8 +43,8 @@ def _whole(options: Options) -> Iterator[Case]:
 
 
 def _matlab(options: Options) -> Iterator[Case]:
-    """A file like those of ASL-DVS, which are compressed."""
-    for library, reader in {"nvsdata": _ours, "scipy": _loadmat, "zlib, inflating alone": _inflated}.items():
+    """Yield the cases of a compressed .mat file like those of ASL-DVS."""
+    for library, reader in {"nvsdata": _ours, "scipy": _loadmat, "zlib, decompression alone": _inflated}.items():
         make = partial(_mat, options, reader)
         kind = "" if reader is _inflated else DIFFERENT
         yield Case("decode", "a file of .mat", make, library, size={"events": 28_000}, error_kind=kind)
@@ -65,32 +65,32 @@ def _growing(options: Options) -> Iterator[Case]:
 
 def _windows(options: Options) -> Iterator[Case]:
     count = 200_000 if options.quick else 2_000_000
-    for suffix, share in product((".dat", ".evt3.raw", ".aedat4", ".h5", ".npy"), (0.001, 0.01, 0.1, 1.0)):
+    for suffix, fraction in product((".dat", ".evt3.raw", ".aedat4", ".h5", ".npy"), (0.001, 0.01, 0.1, 1.0)):
         yield Case(
-            *("decode", f"a window of an open file of {suffix}", partial(_window, options, suffix, count, share)),
-            settings={"share of the file": share},
-            size={"events": int(count * share)},
-            axis="share of the file",
+            *("decode", f"a window of an open file of {suffix}", partial(_window, options, suffix, count, fraction)),
+            settings={"fraction of the file": fraction},
+            size={"events": int(count * fraction)},
+            axis="fraction of the file",
             error_kind=DIFFERENT,
         )
 
 
 def _sizes(options: Options) -> Iterator[Case]:
-    """Size on disk of a recording against the time to read and to write it."""
-    # compressed by h5py, from a file that is written first: that would not be the time of writing
-    read, written = [(name, "read") for name in KEPT], [(name, "write") for name in KEPT if "," not in name]
+    """Yield cases of formats; their error is the size on disk, against the time to read and to write."""
+    # no time of writing for compressed HDF5: h5py compresses a file that was written before
+    read, written = [(name, "read") for name in STORED], [(name, "write") for name in STORED if "," not in name]
     for name, what in read + written:
         yield Case(
-            *("decode", f"{what} a recording", partial(_kept, options, name, what == "write")),
-            settings={"kept as": name},
-            axis="kept as",
+            *("decode", f"{what} a recording", partial(_stored, options, name, what == "write")),
+            settings={"format": name},
+            axis="format",
             default=name == ".h5",
             error_kind="bytes per event",
         )
 
 
 def written(options: Options, suffix: str, count: int) -> tuple[Path, Events]:
-    """A file with random events, which is made once, and the events."""
+    """Return a file with random events, which is written at the first call, and the events."""
     events = random_events(count, SIZE, duration=max(4 * count, 1000))
     path = options.scratch / f"{count}{suffix}"
     if not path.exists():
@@ -98,28 +98,28 @@ def written(options: Options, suffix: str, count: int) -> tuple[Path, Events]:
     return path, events
 
 
-def _read(options: Options, suffix: str, count: int, reader: Callable[[Path], Callable[[], Any]]) -> Ready:
+def _read(options: Options, suffix: str, count: int, reader: Callable[[Path], Callable[[], Any]]) -> PreparedCase:
     path, events = written(options, suffix, count)
-    return Ready(
+    return PreparedCase(
         reader(path),
         partial(differing, events),
         counters=lambda found: {"bytes": path.stat().st_size},
     )
 
 
-def _copy(options: Options, suffix: str, count: int) -> Ready:
-    """The least that any reader has to do."""
-    return Ready(np.fromfile(written(options, suffix, count)[0], np.uint8).copy)
+def _copy(options: Options, suffix: str, count: int) -> PreparedCase:
+    """Copy the bytes of the file, a lower bound for readers."""
+    return PreparedCase(np.fromfile(written(options, suffix, count)[0], np.uint8).copy)
 
 
-def _mat(options: Options, reader: Callable[[Path], Callable[[], Any]]) -> Ready:
+def _mat(options: Options, reader: Callable[[Path], Callable[[], Any]]) -> PreparedCase:
     path, events = options.scratch / "asl.mat", random_events(28_000, SIZE, duration=100_000)
     if not path.exists():
-        # types that MATLAB would choose
+        # the types that MATLAB uses
         columns: list[np.ndarray] = [events.t.astype(np.uint32), *(c.astype(np.uint8) for c in events.columns[1:])]
         named = zip(("ts", "x", "y", "pol"), columns, strict=True)
         scipy.io.savemat(path, {name: column[:, None] for name, column in named}, do_compression=True)
-    return Ready(reader(path), None if reader is _inflated else partial(differing, events))
+    return PreparedCase(reader(path), None if reader is _inflated else partial(differing, events))
 
 
 def _loadmat(path: Path) -> Callable[[], Any]:
@@ -131,7 +131,7 @@ def _loadmat(path: Path) -> Callable[[], Any]:
 
 
 def _inflated(path: Path) -> Callable[[], Any]:
-    """The compressed elements behind the header of 128 bytes, by zlib alone."""
+    """Decompress the elements after the header of 128 bytes with zlib, and do nothing else."""
     data, at, pieces = path.read_bytes(), 128, []
     while at + 8 <= len(data):
         size = int.from_bytes(data[at + 4 : at + 8], "little")
@@ -141,7 +141,7 @@ def _inflated(path: Path) -> Callable[[], Any]:
 
 
 def differing(events: Events, found: Any) -> float:
-    """Count the events that differ."""
+    """Count the events that differ; if the numbers of events differ, return their difference."""
     theirs = found.columns if isinstance(found, Events) else _columns(found)
     if len(theirs[0]) != len(events):
         return float(abs(len(theirs[0]) - len(events)))
@@ -152,7 +152,7 @@ def differing(events: Events, found: Any) -> float:
 
 
 def _columns(found: Any) -> tuple[np.ndarray, ...]:
-    """t, x, y and p of a peer's structured array, or of a dict of columns."""
+    """Return t, x, y and p from another library's structured array, or from a dict of columns."""
     names = found if isinstance(found, dict) else found.dtype.names
     return tuple(np.asarray(found[next(n for n in names if n in any_)]).astype(np.int64) for any_ in NAMES)
 
@@ -198,7 +198,7 @@ def _tonic_digits(path: Path) -> Callable[[], Any]:
 
 
 def _tonic_aedat(version: float, shifts: tuple[int, int, int], path: Path) -> Callable[[], Any]:
-    """Parts of tonic: the readers of tonic 1.7.0 fail on what its header reader returns."""
+    """Read with parts of tonic: the readers of tonic 1.7.0 raise an error on the result of its own header reader."""
     from tonic import io
 
     def run() -> Any:
@@ -221,24 +221,24 @@ PEERS: dict[str, dict[str, Callable[[Path], Callable[[], Any]]]] = {
 }
 
 
-def _window(options: Options, suffix: str, count: int, share: float) -> Ready:
-    """Windows at random places of a recording that stays open."""
+def _window(options: Options, suffix: str, count: int, fraction: float) -> PreparedCase:
+    """Prepare windows at random times of a recording that stays open."""
     path, events = written(options, suffix, count)
     recording = formats.open(path, sensor_size=SIZE)
-    length = int(events.duration * share)
+    length = int(events.duration * fraction)
     begins = cycle(np.random.default_rng(0).integers(0, max(events.end - length, 1), 256).tolist())
-    # the index is made by the first
+    # the first call makes the index
     recording.read(0, 1)
 
     def run() -> tuple[int, Events]:
         begin = next(begins)
         return begin, recording.read(begin, begin + length)
 
-    return Ready(run, lambda found: differing(events.window(found[0], found[0] + length), found[1]))
+    return PreparedCase(run, lambda found: differing(events.window(found[0], found[0] + length), found[1]))
 
 
-def _kept(options: Options, name: str, write: bool) -> Ready:
-    events = street(options)
+def _stored(options: Options, name: str, write: bool) -> PreparedCase:
+    events = sensor_recording(options)
     suffix, _, compression = name.partition(", ")
     path = options.scratch / f"kept-{compression}{suffix}"
 
@@ -249,7 +249,7 @@ def _kept(options: Options, name: str, write: bool) -> Ready:
 
     save()
     run = save if write else lambda: formats.read(path, sensor_size=events.sensor_size)
-    return Ready(run, lambda found: path.stat().st_size / len(events))
+    return PreparedCase(run, lambda found: path.stat().st_size / len(events))
 
 
 def _compress(path: Path, compression: str) -> None:

@@ -1,4 +1,4 @@
-"""Frames to events."""
+"""Benchmarks of emulating events from frames."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from nvsdata import formats, metrics
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.inputs import pairs, video
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.inputs import frame_event_pairs, video
 from nvsdata.data.events import Events
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.video.frames import VideoFrame
@@ -24,7 +24,7 @@ from nvsdata.video.upsample import upsample_frames
 
 SIZE = 640, 480
 PERIOD = 40_000  # µs between frames
-CYCLE = 8  # frames that differ
+CYCLE = 8  # different frames, which repeat
 DEFAULT = PIX2NVS()
 SETTINGS = {
     "default": DEFAULT,
@@ -47,7 +47,7 @@ TO_SENSOR = "1 - repeatability within 3.5 pixels, mean of both directions, to th
 
 
 def cases(options: Options) -> list[Case]:
-    """Videos compared with decoding alone; settings against real sensors; parts that move; sizes and lengths."""
+    """Return cases: videos and decoding alone; settings against real sensors; parts that move; sizes and lengths."""
     each = _videos, _exact, _sensors, _active, _jobs, _growing
     return [case for some in each for case in some(options)]
 
@@ -59,17 +59,17 @@ def _videos(options: Options) -> Iterator[Case]:
 
 
 def _exact(options: Options) -> Iterator[Case]:
-    kind = "places of a frame with another number of events than by the equations in float64, of all with events"
-    case = partial(Case, "emulate", "frames of 320x240 that move to events", error_kind=kind)
-    yield case(partial(_beside_equations, True), default=True)
-    yield case(partial(_beside_equations, False), library="NumPy, the equations in float64", package="numpy")
+    kind = "fraction of pixels and polarities with a wrong number of events, relative to the equations in float64"
+    case = partial(Case, "emulate", "moving frames of 320x240 to events", error_kind=kind)
+    yield case(partial(_compared_with_equations, True), default=True)
+    yield case(partial(_compared_with_equations, False), library="NumPy, the equations in float64", package="numpy")
 
 
 def _sensors(options: Options) -> Iterator[Case]:
-    """Settings against what a sensor saw itself, where such pairs are given."""
-    for path, name in product(pairs(options.data) if options.data else [], SETTINGS):
+    """Yield cases of settings, compared with events of a real sensor if the data folder has such pairs."""
+    for path, name in product(frame_event_pairs(options.data) if options.data else [], SETTINGS):
         yield Case(
-            *("emulate", f"frames of {path.stem} to events", partial(_held_to_sensor, path, name)),
+            *("emulate", f"frames of {path.stem} to events", partial(_compared_with_sensor, path, name)),
             settings={"settings": name},
             axis="settings",
             default=name == "default",
@@ -78,19 +78,19 @@ def _sensors(options: Options) -> Iterator[Case]:
 
 
 def _active(options: Options) -> Iterator[Case]:
-    for name, share in product(SETTINGS, (0.0, 0.001, 0.01, 0.1, 1.0)):
+    for name, fraction in product(SETTINGS, (0.0, 0.001, 0.01, 0.1, 1.0)):
         yield Case(
-            *("emulate", f"a frame of 640x480 of which a part moves: {name}", partial(_part_moves, name, share)),
-            settings={"share that moves": share},
-            axis="share that moves",
+            *("emulate", f"a frame of 640x480 that changes in part: {name}", partial(_part_moves, name, fraction)),
+            settings={"fraction that changes": fraction},
+            axis="fraction that changes",
         )
 
 
 def _jobs(options: Options) -> Iterator[Case]:
-    """Folders of videos, by the number of processes."""
+    """Yield cases of a folder of videos, by the number of processes."""
     for jobs in (1, 2):
         yield Case(
-            *("emulate", "a folder of clips as UCF101 has them", partial(_folder, options, jobs)),
+            *("emulate", "a folder of clips like those of UCF101", partial(_folder, options, jobs)),
             settings={"jobs": jobs},
             axis="jobs",
         )
@@ -107,7 +107,7 @@ def _growing(options: Options) -> Iterator[Case]:
 
 
 def clip(options: Options) -> Path:
-    """A video of the data's, or one of an object that moves over a still, textured background."""
+    """Return the video of the data folder, or a synthetic one: a disk that moves over a textured background."""
     given = video(options)
     path = options.scratch / "moving.avi"
     if given is None and not path.exists():
@@ -122,19 +122,26 @@ def clip(options: Options) -> Path:
 
 
 def texture(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
-    """Spots of all brightnesses, uint8."""
+    """Return smoothed noise with gray levels 5 to 250, uint8.
+
+    Args:
+        shape: Shape of the array.
+        seed: Seed of the random numbers (default 0).
+    """
     noise = cv2.GaussianBlur(np.random.default_rng(seed).random(shape, np.float32), (0, 0), 2)
     return np.interp(noise, (noise.min(), noise.max()), (5, 250)).astype(np.uint8)
 
 
-def _converted(options: Options) -> Ready:
+def _converted(options: Options) -> PreparedCase:
     path, target = clip(options), options.scratch / "emulated.h5"
-    # as the command does: threads that decode, emulate and write pass Python's lock on in less than a frame's time
+    # as the command sets it: the threads that decode, emulate and write must get Python's lock within a frame's time
     sys.setswitchinterval(0.0005)
-    return Ready(lambda: formats.write(PIX2NVS().stream(path), target), before=lambda: target.unlink(missing_ok=True))
+    return PreparedCase(
+        lambda: formats.write(PIX2NVS().stream(path), target), before=lambda: target.unlink(missing_ok=True)
+    )
 
 
-def _decoded(options: Options) -> Ready:
+def _decoded(options: Options) -> PreparedCase:
     path = clip(options)
 
     def run() -> None:
@@ -144,10 +151,10 @@ def _decoded(options: Options) -> Ready:
         while capture.read()[0]:
             pass
 
-    return Ready(run)
+    return PreparedCase(run)
 
 
-def _held_to_sensor(path: Path, name: str) -> Ready:
+def _compared_with_sensor(path: Path, name: str) -> PreparedCase:
     data = np.load(path)
     stills, times = data["frames"][:20], data["frame_times"][:20]
     frames = [VideoFrame(int(time - times[0]), still) for time, still in zip(times, stills, strict=True)]
@@ -160,14 +167,14 @@ def _held_to_sensor(path: Path, name: str) -> Ready:
         both = (metrics.epsilon_repeatability(*sides, fps=fps) for sides in ((found, real), (real, found)))
         return 1 - float(np.mean([float(one) for one in both]))
 
-    return Ready(partial(SETTINGS[name].emulate, frames), error)
+    return PreparedCase(partial(SETTINGS[name].emulate, frames), error)
 
 
-def _part_moves(name: str, share: float, size: tuple[int, int] = SIZE) -> Ready:
-    """A frame at a time, in which a square in the middle with this share of the pixels shows another picture."""
+def _part_moves(name: str, fraction: float, size: tuple[int, int] = SIZE) -> PreparedCase:
+    """Prepare single frames in which only a centered square, with this fraction of the pixels, changes."""
     width, height = size
     ground = texture((height + CYCLE, width))
-    side = share**0.5
+    side = fraction**0.5
     top, left = (round(length * (1 - side) / 2) for length in (height, width))
     rows, columns = (slice(at, at + round(length * side)) for at, length in ((top, height), (left, width)))
     stills = []
@@ -181,20 +188,20 @@ def _part_moves(name: str, share: float, size: tuple[int, int] = SIZE) -> Ready:
 
     def run() -> int:
         n = next(number)
-        # another array each time, as a decoder gives it
+        # a new array each time, as from a decoder
         last.append(VideoFrame(PERIOD * n, stills[n % CYCLE]))
         more = upsample_frames(iter(last), getattr(settings, "upsample", "none"))
         found = sum(len(state.step(frame).events()) for frame in islice(more, 1, None))
         del last[0]
         return found
 
-    # what moved at first comes to rest in what doesn't move later
+    # the moving average settles where nothing changes
     for _ in range(20):
         run()
-    return Ready(run, counters=lambda found: {"events": found})
+    return PreparedCase(run, counters=lambda found: {"events": found})
 
 
-def _folder(options: Options, jobs: int) -> Ready:
+def _folder(options: Options, jobs: int) -> PreparedCase:
     clips, out = options.scratch / "clips", options.scratch / "converted"
     if not clips.exists():
         ground = texture((240 + 180, 320 + 40, 3))
@@ -206,20 +213,20 @@ def _folder(options: Options, jobs: int) -> Ready:
                 writer.write(np.ascontiguousarray(ground[n : n + 240, i : i + 320]))
             writer.release()
     command = [sys.executable, "-m", "nvsdata", "convert-videos", str(clips), "--out", str(out), "--jobs", str(jobs)]
-    return Ready(
+    return PreparedCase(
         lambda: subprocess.run(command, check=True, capture_output=True),
         before=lambda: shutil.rmtree(out, ignore_errors=True),
     )
 
 
-def _beside_equations(ours: bool) -> Ready:
+def _compared_with_equations(ours: bool) -> PreparedCase:
     stills = _passing(20)
 
     def emulated() -> list[Events]:
         return list(PIX2NVS().stream(stills))[1:]
 
     def counted(pieces: list[Events]) -> np.ndarray:
-        """Events of each frame, [polarity, row, column]."""
+        """Count the events of each frame, [frames, polarity, row, column]."""
         found = np.zeros((len(pieces), 2, 240, 320), int)
         for counts, events in zip(found, pieces, strict=True):
             np.add.at(counts, (events.p, events.y, events.x), 1)
@@ -231,11 +238,19 @@ def _beside_equations(ours: bool) -> Ready:
         differ = (counted(found) if ours else found) != expected
         return float(differ.sum() / np.count_nonzero(expected))
 
-    return Ready(emulated if ours else partial(by_equations, stills), error)
+    return PreparedCase(emulated if ours else partial(by_equations, stills), error)
 
 
 def by_equations(frames: list[VideoFrame], settings: PIX2NVS = DEFAULT) -> np.ndarray:
-    """Numbers of events [frames - 1, polarity, H, W] of gray frames by the default settings' equations, in float64."""
+    """Compute the numbers of events of gray frames in float64, by the equations of the default settings.
+
+    Args:
+        frames: Gray frames.
+        settings: Settings whose threshold, max_events and alpha are used.
+
+    Returns:
+        Numbers of events [frames - 1, polarity, H, W].
+    """
     with np.errstate(divide="ignore"):
         levels = [np.where(frame.pixels > 0, np.log(frame.pixels.astype(float)), 0) for frame in frames]
     reference, found = levels[0], []
@@ -248,15 +263,15 @@ def by_equations(frames: list[VideoFrame], settings: PIX2NVS = DEFAULT) -> np.nd
 
 
 def _passing(frames: int) -> list[VideoFrame]:
-    """A camera that passes over a textured ground."""
+    """Return frames of a camera that moves over a texture."""
     ground = texture((240, 320 + 2 * frames))
     return [VideoFrame(PERIOD * n, np.ascontiguousarray(ground[:, 2 * n : 2 * n + 320])) for n in range(frames)]
 
 
-def _long(frames: int) -> Ready:
+def _long(frames: int) -> PreparedCase:
     stills = _passing(frames)
 
     def run() -> int:
         return sum(len(piece) for piece in PIX2NVS().stream(stills))
 
-    return Ready(run, counters=lambda found: {"events": found})
+    return PreparedCase(run, counters=lambda found: {"events": found})

@@ -1,4 +1,4 @@
-"""Events to graphs."""
+"""Benchmarks of converting events to graphs."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from nvsdata import transforms as T
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.inputs import SENSOR, WINDOW, digits, random_events, street
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.inputs import SENSOR, WINDOW, digits, random_events, sensor_recording
 from nvsdata.data.events import Events
 from nvsdata.transforms.events.sampling import BETA
 
-DIFFERENT = "edges that differ from those of all pairs of events"
+DIFFERENT = "edges that differ from an exhaustive search"
 RADIUS, DEGREE = 3.0, 32
 
 
 def cases(options: Options) -> list[Case]:
-    """Windows to graphs compared with peers; growing windows; sampling; events in few and in many places."""
+    """Return cases: windows compared with other libraries; growing windows; events on a part of the sensor."""
     return [*_windows(options), *_growing(options), *_occupied(options)]
 
 
@@ -39,7 +39,10 @@ def _windows(options: Options) -> Iterator[Case]:
 
 
 def _growing(options: Options) -> Iterator[Case]:
-    """Ever larger sensors, as busy as each other; then ever busier ones of one size, whose nodes have more edges."""
+    """Yield cases with more and more events.
+
+    Either the sensor grows with them, or its size is constant, so that nodes get more edges.
+    """
     top = 5 if options.quick else 6
     works: dict[str, Callable[[Events], Any]] = {
         "radius graphs": T.RadiusGraph(),
@@ -47,20 +50,22 @@ def _growing(options: Options) -> Iterator[Case]:
         "nearest-neighbor graphs": T.KNNGraph(),
         "samples": T.NonUniformSample(8),
     }
-    for (work, transform), source, power in product(works.items(), (_larger, _busier), np.arange(3, top + 0.1, 0.5)):
+    for (benchmark, transform), source, power in product(
+        works.items(), (_larger, _denser), np.arange(3, top + 0.1, 0.5)
+    ):
         count = round(10 ** float(power))
         make = partial(_ready, options, partial(source, count), transform, checked=False)
-        name = f"{work} of {'growing' if source is _larger else 'ever busier'} windows"
+        name = f"{benchmark} of {'growing' if source is _larger else 'ever denser'} windows"
         yield Case("graph", name, make, size={"events": count}, axis="events", alone=True)
 
 
 def _occupied(options: Options) -> Iterator[Case]:
-    """The same number of events on ever more of the sensor."""
-    for share in (0.01, 0.03, 0.1, 0.3, 1.0):
-        make = partial(_ready, options, partial(_within, share), T.RadiusGraph(max_degree=8), checked=False)
-        settings = {"share of the sensor": share}
+    """Yield cases with a constant number of events on parts of the sensor."""
+    for fraction in (0.01, 0.03, 0.1, 0.3, 1.0):
+        make = partial(_ready, options, partial(_within, fraction), T.RadiusGraph(max_degree=8), checked=False)
+        settings = {"fraction of the sensor": fraction}
         yield Case(
-            "graph", "20,000 events on a part of the sensor", make, settings=settings, axis="share of the sensor"
+            "graph", "20,000 events on a part of the sensor", make, settings=settings, axis="fraction of the sensor"
         )
 
 
@@ -70,23 +75,23 @@ def _digit(options: Options) -> Events:
 
 
 def _scene(options: Options) -> Events:
-    events = street(options)
+    events = sensor_recording(options)
     middle = (events.start + events.end) // 2
     return events.window(middle, middle + WINDOW)
 
 
 def _larger(count: int, options: Options) -> Events:
-    """An event on one pixel in ten."""
+    """Return `count` events on a sensor of ten times as many pixels."""
     side = max(round((10 * count) ** 0.5), 1)
     return random_events(count, (side, side), duration=WINDOW)
 
 
-def _busier(count: int, options: Options) -> Events:
+def _denser(count: int, options: Options) -> Events:
     return random_events(count, (1280, 720), duration=WINDOW)
 
 
-def _within(share: float, options: Options) -> Events:
-    width, height = (max(int(side * share**0.5), 1) for side in SENSOR)
+def _within(fraction: float, options: Options) -> Events:
+    width, height = (max(int(side * fraction**0.5), 1) for side in SENSOR)
     events = random_events(20_000, (width, height), duration=WINDOW)
     return Events(events.t, events.x, events.y, events.p, SENSOR)
 
@@ -97,11 +102,11 @@ def _ready(
     transform: Callable[[Events], Any],
     *,
     checked: bool = True,
-) -> Ready:
+) -> PreparedCase:
     events = source(options)
     run = transform(events) if transform in (_by_torch_cluster, _by_tree) else partial(transform, events)
     counters = None if checked or isinstance(transform, T.NonUniformSample) else _edges
-    return Ready(run, partial(_differing, events) if checked else None, counters=counters)
+    return PreparedCase(run, partial(_differing, events) if checked else None, counters=counters)
 
 
 def _edges(graph: Any) -> dict[str, int]:
@@ -109,7 +114,7 @@ def _edges(graph: Any) -> dict[str, int]:
 
 
 def _differing(events: Events, found: Any) -> float:
-    """Count the edges that only one of both has."""
+    """Count the edges that only one of the two graphs has."""
     edges = found.edge_index.numpy() if hasattr(found, "edge_index") else np.asarray(found)
     if edges.shape[1] and edges[0].max() >= len(events):
         return float("inf")
@@ -119,7 +124,7 @@ def _differing(events: Events, found: Any) -> float:
 
 
 def _edges_of_all_pairs(events: Events) -> set[int]:
-    """Source times number of events plus target of each edge, by comparing every event with every other."""
+    """Find the edges by comparing all pairs of events; return source * len(events) + target of each."""
     t, x, y = (column.astype(np.float64) for column in (events.t - events.start, events.x, events.y))
     found: set[int] = set()
     for target in range(len(events)):
@@ -132,7 +137,7 @@ def _edges_of_all_pairs(events: Events) -> set[int]:
 
 
 def _by_torch_cluster(events: Events) -> Callable[[], Any]:
-    """Edges and their Cartesian pseudo-coordinates."""
+    """Return a function that makes edges and Cartesian pseudo-coordinates with PyTorch Geometric."""
     import torch
     import torch_cluster
     from torch_geometric.data import Data
@@ -150,7 +155,7 @@ def _by_torch_cluster(events: Events) -> Callable[[], Any]:
 
 
 def _by_tree(events: Events) -> Callable[[], Any]:
-    """The nearest by a k-d tree: what a user would write without a library for graphs."""
+    """Return a function that finds neighbors with SciPy's k-d tree, as a user without a graph library would."""
     from scipy.spatial import cKDTree
 
     def run() -> Any:

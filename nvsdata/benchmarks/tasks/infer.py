@@ -1,4 +1,4 @@
-"""Networks' scores, and windows of recordings to classes."""
+"""Benchmarks of inference: scores of networks, and classification of windows."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ import torch
 
 from nvsdata import models
 from nvsdata import transforms as T
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.inputs import DIGITS, WINDOW, digits, outlines, street
-from nvsdata.benchmarks.networks import CONFIGURED, doubled, samples, settle, steady, windows
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.inputs import DIGITS, WINDOW, digits, outlines, sensor_recording
+from nvsdata.benchmarks.networks import NETWORKS, digit_batch, fixed_network, in_float64, sample_batch, synchronize
 from nvsdata.data.events import Events
 from nvsdata.data.graph import GraphBatch
 from nvsdata.data.grid import to_grid
 from nvsdata.training.objects import Objects
 from nvsdata.transforms.events.sampling import BETA
 
-RELATIVE = "largest difference of scores from float64, of the largest score"
+RELATIVE = "largest difference of scores from float64, relative to the largest score"
 TRAINED = "classification error on N-MNIST of networks trained with it for 40 epochs (docs/ablation.jsonl)"
-# settings of the pipeline, and the errors of one window that networks trained with them had: means of three seeds
-LEARNED: dict[str, dict[Any, float]] = {
+# classification errors of single windows, by setting of the pipeline: means of three seeds
+ERRORS: dict[str, dict[Any, float]] = {
     "k": {1: 0.0628, 2: 0.0723, 4: 0.0841, 8: 0.1253},
     "radius": {2.0: 0.0691, 3.0: 0.0628, 4.0: 0.0582, 5.0: 0.0534, 7.0: 0.0556},
     "max_degree": {4: 0.0628, 8: 0.0628, 16: 0.0612, 32: 0.0584},
     "beta": {BETA: 0.0628, 5e-6: 0.0737},
 }
 DEFAULTS: dict[str, Any] = {"k": 1, "radius": 3.0, "max_degree": 8, "beta": BETA}
-# of trained networks, by windows in µs and by votes (docs/results.md)
-WINDOWED = {7_500: 0.26, 15_000: 0.09, 30_000: 0.034, 60_000: 0.024}
-VOTED = {1: 0.034, 2: 0.022, 3: 0.020, 4: 0.018, 5: 0.017}
+# classification errors by window length in µs, and by number of votes (docs/results.md)
+LENGTH_ERRORS = {7_500: 0.26, 15_000: 0.09, 30_000: 0.034, 60_000: 0.024}
+VOTE_ERRORS = {1: 0.034, 2: 0.022, 3: 0.020, 4: 0.018, 5: 0.017}
 
 
 def cases(options: Options) -> list[Case]:
-    """Windows to classes; precision and fusing; settings of graphs against accuracy; votes; growing graphs; grids."""
+    """Return cases: latency; precision; settings of graphs against accuracy; voting; growing graphs; Graph2Grid."""
     each = _latency, _precision, _settings, _every, _growing, _grid
     return [replace(case, device=options.device) for some in each for case in some(options)]
 
@@ -65,8 +65,11 @@ def _precision(options: Options) -> Iterator[Case]:
 
 
 def _settings(options: Options) -> Iterator[Case]:
-    """Tables 4.1 to 4.3: what each setting of the graph costs, and the error of networks trained with it."""
-    for name, errors in LEARNED.items():
+    """Yield a case for each value of the settings in Tables 4.1 to 4.3, and of window lengths and votes.
+
+    Their error is the classification error of networks trained with the setting.
+    """
+    for name, errors in ERRORS.items():
         for value in errors:
             yield Case(
                 *("infer", f"a window to its class, by {name}", partial(_with_setting, options, name, value)),
@@ -75,7 +78,7 @@ def _settings(options: Options) -> Iterator[Case]:
                 default=DEFAULTS[name] == value,
                 error_kind=TRAINED,
             )
-    for length in WINDOWED:
+    for length in LENGTH_ERRORS:
         yield Case(
             *("infer", "a window to its class, by length", partial(_of_length, options, length)),
             settings={"µs": length},
@@ -83,7 +86,7 @@ def _settings(options: Options) -> Iterator[Case]:
             default=length == WINDOW,
             error_kind="classification error on N-MNIST, one network for all lengths (docs/results.md)",
         )
-    for votes in VOTED:
+    for votes in VOTE_ERRORS:
         yield Case(
             *("infer", "a recording to its class, by votes", partial(_voted, options, votes)),
             settings={"votes": votes},
@@ -94,7 +97,7 @@ def _settings(options: Options) -> Iterator[Case]:
 
 
 def _every(options: Options) -> Iterator[Case]:
-    for name in CONFIGURED:
+    for name in NETWORKS:
         make = partial(_configured, options, name)
         yield Case("infer", f"scores of {name}", make, error_kind=RELATIVE, alone=True)
 
@@ -113,30 +116,30 @@ def _grid(options: Options) -> Iterator[Case]:
     case = partial(Case, "infer", "Graph2Grid, 32 graphs on 30x30 cells")
     yield case(partial(_on_grid, options, True), default=True)
     yield case(partial(_on_grid, options, False), library="one index_copy_", package="torch")
-    for share in (0.01, 0.1, 1.0):
+    for fraction in (0.01, 0.1, 1.0):
         yield Case(
-            *("infer", "Graph2Grid of cells in part occupied", partial(_on_grid, options, True, share)),
-            settings={"share of cells": share},
-            axis="share of cells",
+            *("infer", "Graph2Grid of partly occupied cells", partial(_on_grid, options, True, fraction)),
+            settings={"fraction of cells": fraction},
+            axis="fraction of cells",
         )
 
 
 def _network(options: Options, name: str = "n-mnist") -> torch.nn.Module:
-    return steady(partial(models.rgcnn, name), options.device).eval()
+    return fixed_network(partial(models.rgcnn, name), options.device).eval()
 
 
 def _relative(found: torch.Tensor, exact: torch.Tensor) -> float:
     return float(((found.double() - exact).abs().max() / exact.abs().max()).item())
 
 
-def _window_to_class(options: Options, name: str, fuse: bool) -> Ready:
-    """One window after the other, each elsewhere in a recording."""
+def _window_to_class(options: Options, name: str, fuse: bool) -> PreparedCase:
+    """Prepare the classification of single windows at random times."""
     plain = _network(options, name)
     model = models.fused(plain) if fuse else plain
-    recordings = digits(options) if name == "n-mnist" else [street(options)]
+    recordings = digits(options) if name == "n-mnist" else [sensor_recording(options)]
     steps = [T.Window(0, WINDOW)] if name == "n-mnist" else [T.NonUniformSample(8)]
     graph_of = T.Compose([*steps, T.RadiusGraph()])
-    places = _anywhere(recordings)
+    places = _random_windows(recordings)
 
     def run() -> torch.Tensor:
         with torch.inference_mode():
@@ -144,70 +147,70 @@ def _window_to_class(options: Options, name: str, fuse: bool) -> Ready:
             scores.argmax().item()
         return scores
 
-    graph = GraphBatch.from_graphs([graph_of(next(_anywhere(recordings)))]).to(options.device)
+    graph = GraphBatch.from_graphs([graph_of(next(_random_windows(recordings)))]).to(options.device)
     with torch.inference_mode():
-        exact: torch.Tensor = _network(options, name).double()(doubled(graph))
-    return Ready(run, lambda found: _relative(found, exact))
+        exact: torch.Tensor = _network(options, name).double()(in_float64(graph))
+    return PreparedCase(run, lambda found: _relative(found, exact))
 
 
-def _anywhere(recordings: Sequence[Events]) -> Iterator[Events]:
-    """Windows without end: of one recording after the other, anywhere in it."""
-    shares = np.random.default_rng(0).random(997).tolist()
-    for events, share in zip(cycle(recordings), cycle(shares), strict=False):
-        start = events.start + int(share * max(events.duration - WINDOW, 1))
+def _random_windows(recordings: Sequence[Events]) -> Iterator[Events]:
+    """Yield windows at random times without end, cycling through the recordings."""
+    fractions = np.random.default_rng(0).random(997).tolist()
+    for events, fraction in zip(cycle(recordings), cycle(fractions), strict=False):
+        start = events.start + int(fraction * max(events.duration - WINDOW, 1))
         yield events.window(start, start + WINDOW)
 
 
-def _scores(options: Options, precision: str, fuse: bool) -> Ready:
-    batch, _ = windows(options, 16)
+def _scores(options: Options, precision: str, fuse: bool) -> PreparedCase:
+    batch, _ = digit_batch(options, 16)
     model: Any = _network(options)
     with torch.inference_mode():
-        exact = _network(options).double()(doubled(batch))
+        exact = _network(options).double()(in_float64(batch))
     if fuse:
         model = models.fused(model)
     if precision == "float64":
-        model, batch = model.double(), doubled(batch)
+        model, batch = model.double(), in_float64(batch)
 
     def run() -> torch.Tensor:
         with torch.inference_mode(), torch.autocast(options.device, torch.bfloat16, enabled=precision == "bfloat16"):
             scores: torch.Tensor = model(batch)
-        settle(options.device)
+        synchronize(options.device)
         return scores
 
-    return Ready(run, lambda found: _relative(found, exact))
+    return PreparedCase(run, lambda found: _relative(found, exact))
 
 
-def _configured(options: Options, name: str) -> Ready:
-    """Two samples; exact are the scores in float64 on the CPU, whatever the device."""
-    make, sensor_size, sequences = CONFIGURED[name]
-    batch = samples(sensor_size, sequences)
+def _configured(options: Options, name: str) -> PreparedCase:
+    """Prepare scores of two samples; the exact ones are computed in float64 on the CPU."""
+    make, sensor_size, sequences = NETWORKS[name]
+    batch = sample_batch(sensor_size, sequences)
     with torch.inference_mode():
-        exact = steady(make).eval().double()(doubled(batch))
-    model, given = steady(make, options.device).eval(), batch.to(options.device)
+        exact = fixed_network(make).eval().double()(in_float64(batch))
+    model, given = fixed_network(make, options.device).eval(), batch.to(options.device)
 
     def run() -> torch.Tensor:
         with torch.inference_mode():
             scores: torch.Tensor = model(given)
-        settle(options.device)
+        synchronize(options.device)
         return scores
 
-    again = lambda found: {"scores that differ when computed again": int((run() != found).sum())}  # noqa: E731
-    return Ready(run, lambda found: _relative(found.cpu(), exact), counters=again)
+    again = lambda found: {"scores that differ in a second run": int((run() != found).sum())}  # noqa: E731
+    return PreparedCase(run, lambda found: _relative(found.cpu(), exact), counters=again)
 
 
-def _with_setting(options: Options, name: str, value: Any) -> Ready:
-    """As the networks were trained: `training.Objects` with this setting."""
-    return _classified(options, Objects("n-mnist", **{**DEFAULTS, name: value}), LEARNED[name][value])
+def _with_setting(options: Options, name: str, value: Any) -> PreparedCase:
+    """Prepare the classification of windows by `training.Objects` with this setting."""
+    return _classified(options, Objects("n-mnist", **{**DEFAULTS, name: value}), ERRORS[name][value])
 
 
-def _of_length(options: Options, length: int) -> Ready:
-    return _classified(options, Objects("n-mnist", window=length), WINDOWED[length])
+def _of_length(options: Options, length: int) -> PreparedCase:
+    return _classified(options, Objects("n-mnist", window=length), LENGTH_ERRORS[length])
 
 
-def _classified(options: Options, protocol: Objects, error: float) -> Ready:
-    """A window at a time, by the protocol's pipeline and network; the number of operations is that of the first one."""
+def _classified(options: Options, protocol: Objects, error: float) -> PreparedCase:
+    """Prepare the classification of single windows; the operations of the first window are counted."""
     recordings, graph_of = cycle(digits(options)), protocol.pipeline(training=False)
-    model = steady(partial(protocol.build, DIGITS, 10), options.device).eval()
+    model = fixed_network(partial(protocol.build, DIGITS, 10), options.device).eval()
 
     def run() -> int:
         with torch.inference_mode():
@@ -216,13 +219,13 @@ def _classified(options: Options, protocol: Objects, error: float) -> Ready:
 
     torch.manual_seed(0)
     flops = models.complexity(model, graph_of(next(recordings)).to(options.device)).flops
-    return Ready(run, lambda found: error, counters=lambda found: {"flops": flops})
+    return PreparedCase(run, lambda found: error, counters=lambda found: {"flops": flops})
 
 
-def _voted(options: Options, votes: int) -> Ready:
-    """Several windows of a recording in one batch, by the defaults' pipeline and network."""
+def _voted(options: Options, votes: int) -> PreparedCase:
+    """Prepare voting over several windows of a recording in one batch, with default settings."""
     protocol, recordings = Objects("n-mnist"), cycle(digits(options))
-    model = steady(partial(protocol.build, DIGITS, 10), options.device).eval()
+    model = fixed_network(partial(protocol.build, DIGITS, 10), options.device).eval()
     graph_of = protocol.pipeline(training=False)
 
     def run() -> int:
@@ -231,26 +234,26 @@ def _voted(options: Options, votes: int) -> Ready:
             scores = model(GraphBatch.from_graphs([graph_of(events) for _ in range(votes)]).to(options.device))
         return int(models.prediction.vote(scores).argmax().item())
 
-    return Ready(run, lambda found: VOTED[votes])
+    return PreparedCase(run, lambda found: VOTE_ERRORS[votes])
 
 
-def _of_nodes(options: Options, count: int) -> Ready:
+def _of_nodes(options: Options, count: int) -> PreparedCase:
     model = _network(options, "asl-dvs")
     graph = T.RadiusGraph(max_degree=8)(outlines(count)).to(options.device)
 
     def run() -> torch.Tensor:
         with torch.inference_mode():
             scores: torch.Tensor = model(graph)
-        settle(options.device)
+        synchronize(options.device)
         return scores
 
-    return Ready(run)
+    return PreparedCase(run)
 
 
-def _on_grid(options: Options, ours: bool, share: float = 2 / 3) -> Ready:
-    """Features of sequences of eight graphs, compared with one copy of the same size."""
+def _on_grid(options: Options, ours: bool, fraction: float = 2 / 3) -> PreparedCase:
+    """Prepare Graph2Grid of sequences of eight graphs, or one copy of the same size."""
     cells, channels, graphs, length = 900, 128, 32, 8
-    nodes = max(int(cells * share), 1)
+    nodes = max(int(cells * fraction), 1)
     torch.manual_seed(0)
     batch = torch.arange(graphs).repeat_interleave(nodes)
     at = torch.stack([torch.randperm(cells)[:nodes] for _ in range(graphs)]).flatten()
@@ -263,7 +266,7 @@ def _on_grid(options: Options, ours: bool, share: float = 2 / 3) -> Ready:
             out = to_grid(x, pos, batch, graphs, length, (8, 6), (30, 30))
         else:
             out = x.new_zeros(graphs * cells, channels).index_copy_(0, flat, x)
-        settle(options.device)
+        synchronize(options.device)
         return out
 
-    return Ready(run)
+    return PreparedCase(run)

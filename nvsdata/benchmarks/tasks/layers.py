@@ -1,4 +1,4 @@
-"""Single graph convolutions, forward and backward."""
+"""Benchmarks of single graph convolutions, forward and backward pass."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 import torch
 
 from nvsdata import transforms as T
-from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.benchmarks.inputs import outlines, random_events
-from nvsdata.benchmarks.networks import settle
+from nvsdata.benchmarks.networks import synchronize
 from nvsdata.data.events import Events
 from nvsdata.data.graph import GraphBatch
 from nvsdata.models.conv import CONVOLUTIONS
@@ -23,22 +23,22 @@ from nvsdata.models.spline_sum import spline_sum
 
 CHANNELS = (1, 32), (32, 64), (64, 128), (128, 256)  # in and out
 KERNEL = 5
-RELATIVE = "largest difference from float64, of the largest value, of result and gradients"
+RELATIVE = "largest difference of result and gradients from float64, relative to the largest value"
 Convolution = Callable[[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
 
 
 def cases(options: Options) -> list[Case]:
-    """B-spline convolutions compared with torch_spline_conv and a plain implementation; others with PyG's; pooling."""
+    """Return cases: B-spline convolutions, other convolutions, each compared with other libraries; pooling."""
     return [replace(case, device=options.device) for some in (_splines, _others, _pools) for case in some(options)]
 
 
 def _splines(options: Options) -> Iterator[Case]:
     for channels in CHANNELS:
-        work = f"a B-spline convolution {channels[0]} -> {channels[1]}"
-        case = partial(Case, "layers", work, error_kind=RELATIVE)
+        benchmark = f"a B-spline convolution {channels[0]} -> {channels[1]}"
+        case = partial(Case, "layers", benchmark, error_kind=RELATIVE)
         yield case(partial(_spline, options, channels, _ours), default=True)
         if not options.quick or channels in CHANNELS[:2]:
-            # the others take it minutes
+            # it takes minutes for larger ones
             yield case(partial(_spline, options, channels, _torch_spline), library="torch_spline_conv")
         yield case(partial(_spline, options, channels, _gathered), library="torch, gather and scatter", package="torch")
 
@@ -51,12 +51,12 @@ def _others(options: Options) -> Iterator[Case]:
 
 
 def _pools(options: Options) -> Iterator[Case]:
-    """Nodes in ever more of the clusters."""
-    for share in (0.01, 0.1, 1.0):
+    """Yield cases of nodes in more and more of the clusters."""
+    for fraction in (0.01, 0.1, 1.0):
         yield Case(
-            *("layers", "pooling of 20,000 nodes in a part of the clusters", partial(_pool, options, share)),
-            settings={"share of clusters": share},
-            axis="share of clusters",
+            *("layers", "pooling of 20,000 nodes in a part of the clusters", partial(_pool, options, fraction)),
+            settings={"fraction of clusters": fraction},
+            axis="fraction of clusters",
         )
 
 
@@ -65,8 +65,8 @@ def _batch(options: Options) -> GraphBatch:
     return GraphBatch.from_graphs(graphs).to(options.device)
 
 
-def _spline(options: Options, channels: tuple[int, int], make: Callable[[], Convolution]) -> Ready:
-    """With self-loops, as the networks have them."""
+def _spline(options: Options, channels: tuple[int, int], make: Callable[[], Convolution]) -> PreparedCase:
+    """Prepare a B-spline convolution with self-loops, as in the networks."""
     batch = _batch(options)
     edges, u = add_self_loops(batch)
     torch.manual_seed(0)
@@ -74,22 +74,25 @@ def _spline(options: Options, channels: tuple[int, int], make: Callable[[], Conv
     given = torch.randn(batch.num_nodes, channels[0], device=options.device), weight
     exact = _outcome(gather_and_scatter, edges, u, tuple(tensor.double() for tensor in given), "cpu")
     apply = make()
-    return Ready(lambda: _outcome(apply, edges, u, given, options.device), partial(_apart, exact))
+    return PreparedCase(lambda: _outcome(apply, edges, u, given, options.device), partial(_largest_difference, exact))
 
 
 def _outcome(
     apply: Convolution, edges: torch.Tensor, u: torch.Tensor, given: tuple[torch.Tensor, ...], device: str
 ) -> tuple[torch.Tensor, ...]:
-    """Result and gradients of a weighted sum of it: without weights all gradients would be sums of ones."""
+    """Return the result of a layer, and the gradients of a weighted sum of it.
+
+    Without weights, the gradient of every output would be 1.
+    """
     x, weight = (tensor.detach().requires_grad_() for tensor in given)
     out = apply(x, edges, u, weight)
     weighted = out * torch.linspace(-1, 1, out.shape[1], dtype=out.dtype, device=out.device)
     gradients = torch.autograd.grad(weighted.sum(), (x, weight))
-    settle(device)
+    synchronize(device)
     return out.detach(), *gradients
 
 
-def _apart(exact: tuple[torch.Tensor, ...], found: tuple[torch.Tensor, ...]) -> float:
+def _largest_difference(exact: tuple[torch.Tensor, ...], found: tuple[torch.Tensor, ...]) -> float:
     pairs = zip(found, exact, strict=True)
     return max(((ours.double() - best).abs().max() / best.abs().max()).item() for ours, best in pairs)
 
@@ -115,7 +118,19 @@ def _gathered() -> Convolution:
 
 
 def gather_and_scatter(x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """The obvious implementation: products of all nodes with all cells, gathered and summed along edges."""
+    """Compute a B-spline convolution directly.
+
+    Features of all nodes are multiplied by the weights of all cells of the kernel, gathered and summed along edges.
+
+    Args:
+        x: Features [N, in].
+        edges: Source and target of each edge [2, E].
+        u: Pseudo-coordinates [E, 2] in [0, 1].
+        weight: Weights [25, in, out].
+
+    Returns:
+        Mean over the edges of each target, [N, out].
+    """
     source, target = edges
     v = u.to(x.dtype) * (KERNEL - 1)
     lower = v.floor().clamp(max=KERNEL - 2).long()
@@ -124,13 +139,13 @@ def gather_and_scatter(x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, we
     products = torch.einsum("nc,kco->nko", x, weight).flatten(0, 1)
     out = x.new_zeros(x.shape[0], weight.shape[2])
     for a, b in product((0, 1), (0, 1)):
-        share = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
+        fraction = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
         row = source * KERNEL**2 + lower[:, 0] + a + KERNEL * (lower[:, 1] + b)
-        out = out.index_add(0, target, (share / degree[target]).unsqueeze(1) * products[row])
+        out = out.index_add(0, target, (fraction / degree[target]).unsqueeze(1) * products[row])
     return out
 
 
-def _other(options: Options, name: str, pyg: bool) -> Ready:
+def _other(options: Options, name: str, pyg: bool) -> PreparedCase:
     batch = _batch(options)
     torch.manual_seed(0)
     ours = CONVOLUTIONS[name](64, 128, KERNEL, 2).to(options.device)
@@ -143,16 +158,16 @@ def _other(options: Options, name: str, pyg: bool) -> Ready:
         out = layer(x, *rest)
         weighted = out * torch.linspace(-1, 1, out.shape[1], dtype=out.dtype, device=out.device)
         (gradient,) = torch.autograd.grad(weighted.sum(), x)
-        settle(options.device)
+        synchronize(options.device)
         return out.detach(), gradient
 
     exact = run(ours.double(), x.double(), (batch.edge_index, batch.edge_attr.double()))
     ours.float()
-    return Ready(run, partial(_apart, exact))
+    return PreparedCase(run, partial(_largest_difference, exact))
 
 
 def _of_pyg(name: str, ours: Any) -> Any:
-    """The same layer with the same weights in PyTorch Geometric."""
+    """Return the layer of PyTorch Geometric with the same weights."""
     from torch_geometric import nn as pyg
 
     device = next(ours.parameters()).device
@@ -175,8 +190,8 @@ def _of_pyg(name: str, ours: Any) -> Any:
     return theirs.to(device)
 
 
-def _pool(options: Options, share: float) -> Ready:
-    side = (share * 240 * 180) ** 0.5
+def _pool(options: Options, fraction: float) -> PreparedCase:
+    side = (fraction * 240 * 180) ** 0.5
     events = random_events(20_000, (max(round(side), 1), max(round(side), 1)), duration=30_000)
     events = Events(events.t, events.x, events.y, events.p, (240, 240))
     batch = GraphBatch.from_graphs([T.RadiusGraph(max_degree=8)(events)]).to(options.device)
@@ -184,7 +199,7 @@ def _pool(options: Options, share: float) -> Ready:
 
     def run() -> GraphBatch:
         pooled: GraphBatch = layer(batch)
-        settle(options.device)
+        synchronize(options.device)
         return pooled
 
-    return Ready(run, counters=lambda found: {"clusters": found.num_nodes})
+    return PreparedCase(run, counters=lambda found: {"clusters": found.num_nodes})

@@ -1,4 +1,4 @@
-"""Samples through a DataLoader."""
+"""Benchmarks of loading samples."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from nvsdata import formats
 from nvsdata import transforms as T
-from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.benchmarks.inputs import DIGITS, digits
 from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
@@ -22,20 +22,20 @@ from nvsdata.datasets.source import INDEX
 from nvsdata.datasets.store.writer import pack
 
 BATCH, BINS = 50, 10
-FIRST = 40  # events of each recording in stores that grow
-KIND = "largest difference of the sum of all recordings' frames"
+FIRST = 40  # events of each recording in the growing stores
+KIND = "largest difference in the sum of all frames"
 
 
 def cases(options: Options) -> list[Case]:
-    """Frames of N-MNIST compared with tonic's; graphs by the number of workers; random windows of files and stores."""
+    """Return cases: frames compared with tonic; graphs by number of workers; random windows of files and stores."""
     return [*_frames(options), *_workers(options), *_stores(options)]
 
 
 def _frames(options: Options) -> Iterator[Case]:
     size = {"recordings": _count(options)}
     for workers in (0, 2):
-        work = f"frames of all recordings, {workers} workers"
-        case = partial(Case, "load", work, settings={"workers": workers}, size=size, error_kind=KIND)
+        benchmark = f"frames of all recordings, {workers} workers"
+        case = partial(Case, "load", benchmark, settings={"workers": workers}, size=size, error_kind=KIND)
         yield case(partial(_epoch, options, workers, _ours), default=True)
         yield case(partial(_epoch, options, workers, _Theirs), library="tonic")
 
@@ -43,7 +43,7 @@ def _frames(options: Options) -> Iterator[Case]:
 def _workers(options: Options) -> Iterator[Case]:
     for workers in (0, 1, 2, 4):
         yield Case(
-            *("load", "graphs of all recordings, workers that stay", partial(_graphs, options, workers)),
+            *("load", "graphs of all recordings, persistent workers", partial(_graphs, options, workers)),
             settings={"workers": workers},
             size={"recordings": _count(options)},
             axis="workers",
@@ -60,11 +60,11 @@ def _stores(options: Options) -> Iterator[Case]:
             axis="recordings",
             alone=True,
         )
-    yield Case("load", "a 30 ms window of a recording in a file of its own", partial(_windows_of_files, options))
+    yield Case("load", "a 30 ms window of a recording in a separate file", partial(_windows_of_files, options))
     for count in (1_000, 10_000, *(() if options.quick else (100_000,))):
-        for work, again in (("opening a folder of recordings", True), ("opening it for the first time", False)):
+        for benchmark, again in (("opening a folder of recordings", True), ("opening it for the first time", False)):
             make = partial(_listing, options, count, again)
-            yield Case("load", work, make, size={"files": count}, axis="files", alone=True)
+            yield Case("load", benchmark, make, size={"files": count}, axis="files", alone=True)
 
 
 def _count(options: Options) -> int:
@@ -72,7 +72,7 @@ def _count(options: Options) -> int:
 
 
 def folder(options: Options) -> Path:
-    """Recordings in files as N-MNIST has them, of ten classes; made once."""
+    """Return a folder of recordings of ten classes in the layout of N-MNIST, which is written at the first call."""
     return _written(options.scratch / "N-MNIST", digits(options, 100), _count(options))
 
 
@@ -87,7 +87,7 @@ def _written(root: Path, events: list[Events], count: int) -> Path:
     return root
 
 
-def _epoch(options: Options, workers: int, make: Callable[[Path], Any]) -> Ready:
+def _epoch(options: Options, workers: int, make: Callable[[Path], Any]) -> PreparedCase:
     from torch.utils.data import DataLoader
 
     dataset = make(folder(options))
@@ -101,11 +101,11 @@ def _epoch(options: Options, workers: int, make: Callable[[Path], Any]) -> Ready
     if make is _Theirs:
         # OFF first
         expected = expected[:, ::-1]
-    return Ready(run, lambda found: float(np.abs(found - expected).max()))
+    return PreparedCase(run, lambda found: float(np.abs(found - expected).max()))
 
 
 def _counts(events: Events) -> Any:
-    """Events of each bin, polarity (ON first) and pixel, by NumPy."""
+    """Count the events of each bin, polarity (ON first) and pixel with NumPy."""
     counts = np.zeros((BINS, 2, *DIGITS[::-1]))
     bins = np.minimum((events.t - events.start) * BINS // max(events.end - events.start, 1), BINS - 1)
     np.add.at(counts, (bins, 1 - events.p, events.y, events.x), 1)
@@ -117,7 +117,7 @@ def _ours(root: Path) -> Any:
 
 
 class _Theirs:
-    """The same files, read and made into frames by tonic."""
+    """Dataset of the same files that reads them and makes frames with tonic."""
 
     def __init__(self, root: Path) -> None:
         from tonic import datasets, transforms
@@ -135,7 +135,7 @@ class _Theirs:
         return np.asarray(self.frames(events), np.float32), self.same.targets[index]
 
 
-def _graphs(options: Options, workers: int) -> Ready:
+def _graphs(options: Options, workers: int) -> PreparedCase:
     from torch.utils.data import DataLoader
 
     pipeline = T.Compose([T.RandomWindow(30_000), T.RadiusGraph()])
@@ -143,40 +143,40 @@ def _graphs(options: Options, workers: int) -> Ready:
     loader: DataLoader[Any] = DataLoader(
         dataset, BATCH, num_workers=workers, collate_fn=collate, persistent_workers=workers > 0
     )
-    return Ready(lambda: sum(len(targets) for _, targets in loader))
+    return PreparedCase(lambda: sum(len(targets) for _, targets in loader))
 
 
-def _windows_of_files(options: Options) -> Ready:
-    return _some_of(NMNIST(folder(options), "all", transform=T.RandomWindow(30_000)))
+def _windows_of_files(options: Options) -> PreparedCase:
+    return _random_samples(NMNIST(folder(options), "all", transform=T.RandomWindow(30_000)))
 
 
-def _listing(options: Options, count: int, again: bool) -> Ready:
-    """A dataset with empty files in folders as ASL-DVS has them."""
+def _listing(options: Options, count: int, again: bool) -> PreparedCase:
+    """Prepare a dataset of empty files in the layout of ASL-DVS."""
     root = options.scratch / f"tree-{count}"
     if not root.exists():
         for n in range(count):
             letter = ASLDVS.info.classes[n % 24]
             (root / letter).mkdir(parents=True, exist_ok=True)
             (root / letter / f"{letter}_{n:06d}.mat").touch()
-        # folders that changed a moment ago aren't trusted; a user's are older
+        # the index ignores folders that changed a moment ago; those of users are older
         for folder_ in (*root.iterdir(), root):
             os.utime(folder_, ns=(10**18, 10**18))
     before = None if again else lambda: (root / INDEX).unlink(missing_ok=True)
-    return Ready(lambda: len(ASLDVS(root, "all")), lambda found: abs(found - count), before)
+    return PreparedCase(lambda: len(ASLDVS(root, "all")), lambda found: abs(found - count), before)
 
 
-def _windows_of_store(options: Options, count: int) -> Ready:
-    """A store with `count` recordings, of the first events of each, so that a million fit on any disk."""
+def _windows_of_store(options: Options, count: int) -> PreparedCase:
+    """Prepare a store of `count` recordings of 40 events each, so that a million fit on any disk."""
     path = options.scratch / f"store-{count}.h5"
     if not path.exists():
         short = _written(options.scratch / "short", [events[:FIRST] for events in digits(options, 100)], 100)
         pack(NMNIST(short, "all"), path)
         _repeat(path, count)
-    return _some_of(NMNIST(path, "all", transform=T.RandomWindow(30_000)))
+    return _random_samples(NMNIST(path, "all", transform=T.RandomWindow(30_000)))
 
 
 def _repeat(path: Path, count: int) -> None:
-    """Give a store `count` recordings: those it has, again under other names."""
+    """Repeat the recordings of a store under other names, up to `count` or a few more."""
     import h5py
 
     from nvsdata.datasets.store.reader import COLUMNS, INDEX, checksum, pack_texts
@@ -207,7 +207,7 @@ def _repeat(path: Path, count: int) -> None:
         file.attrs["checksum"] = checksum(index)
 
 
-def _some_of(dataset: Any) -> Ready:
-    """One recording after the other, anywhere in the dataset."""
+def _random_samples(dataset: Any) -> PreparedCase:
+    """Prepare single samples in random order."""
     order = cycle(np.random.default_rng(0).integers(0, len(dataset), 4_096).tolist())
-    return Ready(lambda: dataset[next(order)])
+    return PreparedCase(lambda: dataset[next(order)])

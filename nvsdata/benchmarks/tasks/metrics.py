@@ -1,4 +1,4 @@
-"""Distances between streams of events."""
+"""Benchmarks of distances between event streams."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from nvsdata import metrics
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.inputs import SENSOR, random_events, street
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.inputs import SENSOR, random_events, sensor_recording
 from nvsdata.data.events import Events
 from nvsdata.kernels.metrics.distances import least_work
 
 RELATIVE = "relative difference from the exact distance"
-FRAMES = 4  # of which distances are the mean
+FRAMES = 4  # the distance is the mean over these
 SPIKES = 60_000
 
 
 def cases(options: Options) -> list[Case]:
-    """Nearest spikes and moved mass compared with peers; blocks, cells and samples; growing numbers of spikes."""
-    return [*_nearest(options), *_moved(options), *_knobs(options), *_growing(options)]
+    """Return cases: nearest spikes and EMD compared with other libraries; approximations; growing numbers of spikes."""
+    return [*_nearest(options), *_emd(options), *_approximations(options), *_growing(options)]
 
 
 def _nearest(options: Options) -> Iterator[Case]:
@@ -33,30 +33,34 @@ def _nearest(options: Options) -> Iterator[Case]:
     yield case(partial(_near, size["spikes"], _tree), library="scipy")
 
 
-def _moved(options: Options) -> Iterator[Case]:
+def _emd(options: Options) -> Iterator[Case]:
     for count in (300, 1_000):
-        work = f"EMD of {count} and {count + count // 10} spikes"
-        case = partial(Case, "metrics", work, error_kind="relative difference from SciPy's assignment")
+        benchmark = f"EMD of {count} and {count + count // 10} spikes"
+        case = partial(Case, "metrics", benchmark, error_kind="relative difference from SciPy's assignment")
         yield case(partial(_transport, count, False), default=True)
         yield case(partial(_transport, count, True), library="POT", package="pot")
 
 
-def _knobs(options: Options) -> Iterator[Case]:
-    """Error of a faster distance, between a recording and the same, moved and thinned out."""
+def _approximations(options: Options) -> Iterator[Case]:
+    """Yield cases of approximate distances between a recording and a changed copy, against their error."""
     for blocks in (1, 4, 16, 64):
-        yield _knob(options, "EMD by blocks", {"blocks": blocks}, partial(metrics.emd, blocks=blocks), blocks == 16)
+        yield _approximation(
+            options, "EMD by blocks", {"blocks": blocks}, partial(metrics.emd, blocks=blocks), blocks == 16
+        )
     for cell in (1, 2, 3, 4, 8):
         moved = partial(metrics.emd, blocks=1, cell=cell)
-        yield _knob(options, "EMD by cells, in one block", {"cell": cell}, moved, cell == 1)
-    for share in (1, 2, 4, 8, 16):
-        run = partial(_sampled_chamfer, share)
-        yield _knob(options, "Chamfer distance by samples", {"one spike in": share}, run, share == 1)
+        yield _approximation(options, "EMD by cells, in one block", {"cell": cell}, moved, cell == 1)
+    for step in (1, 2, 4, 8, 16):
+        run = partial(_sampled_chamfer, step)
+        yield _approximation(options, "Chamfer distance by samples", {"one spike in": step}, run, step == 1)
 
 
-def _knob(options: Options, work: str, settings: dict[str, Any], run: Callable[..., Any], default: bool) -> Case:
-    make = partial(_pair, options, run, work.startswith("EMD"))
+def _approximation(
+    options: Options, benchmark: str, settings: dict[str, Any], run: Callable[..., Any], default: bool
+) -> Case:
+    make = partial(_pair, options, run, benchmark.startswith("EMD"))
     return Case(
-        "metrics", work, make, settings=settings, axis=next(iter(settings)), default=default, error_kind=RELATIVE
+        "metrics", benchmark, make, settings=settings, axis=next(iter(settings)), default=default, error_kind=RELATIVE
     )
 
 
@@ -68,24 +72,24 @@ def _growing(options: Options) -> Iterator[Case]:
         yield Case("metrics", "growing numbers of spikes, nearest", make, size={"spikes": count}, axis="spikes")
     for power, cell in product(np.arange(2, 4.1 - options.quick / 2, 0.5).tolist(), (1, 4)):
         count = round(10**power)
-        work = "growing numbers of spikes, EMD" + (f" by cells of {cell}" if cell > 1 else "")
+        benchmark = "growing numbers of spikes, EMD" + (f" by cells of {cell}" if cell > 1 else "")
         make = partial(_growing_emd, count, cell)
-        yield Case("metrics", work, make, size={"spikes": count}, axis="spikes", alone=True)
+        yield Case("metrics", benchmark, make, size={"spikes": count}, axis="spikes", alone=True)
 
 
 def _side(count: int, seed: int, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spikes at different pixels, in raster order."""
+    """Return x, y and signed counts of spikes at random pixels, in raster order."""
     random = np.random.default_rng(seed)
     where = np.sort(random.choice(size[0] * size[1], count, replace=False))
     return where % size[0], where // size[0], random.choice([-3, -2, -1, 1, 2, 3], count)
 
 
-def _near(count: int, run: Callable[..., Callable[[], Any]], *, checked: bool = True) -> Ready:
+def _near(count: int, run: Callable[..., Callable[[], Any]], *, checked: bool = True) -> PreparedCase:
     size = (1280, 960)
     a, b = _side(count, 0, size), _side(count, 1, size)
     expected = _tree(a, b, size)() if checked else None
     error = None if expected is None else lambda found: np.abs(found - expected).max()
-    return Ready(run(a, b, size), error)
+    return PreparedCase(run(a, b, size), error)
 
 
 def _ours_nearest(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
@@ -96,7 +100,7 @@ def _ours_nearest(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
 
 
 def _tree(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
-    """The query alone, of a tree that was built before."""
+    """Return a function that queries a k-d tree, which was built before."""
     from scipy.spatial import cKDTree
 
     scale = np.array([1, 1, 3**0.5])
@@ -104,35 +108,35 @@ def _tree(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
     return lambda: tree.query(points)[0]
 
 
-def _transport(count: int, pot: bool) -> Ready:
+def _transport(count: int, pot: bool) -> PreparedCase:
     (ax, ay, am), (bx, by, bm) = (_side(n, n, (160, 68)) for n in (count, count + count // 10))
     am, bm = np.abs(am), np.abs(bm)
     points: Any = (ax.astype(float), ay.astype(float), am, bx.astype(float), by.astype(float), bm)
     exact = _assigned(*points)
     if not pot:
-        return Ready(lambda: least_work(*points), lambda found: abs(found - exact) / exact)
+        return PreparedCase(lambda: least_work(*points), lambda found: abs(found - exact) / exact)
     import ot
 
     a, b, costs = am.astype(float), bm.astype(float), np.hypot(ax[:, None] - bx, ay[:, None] - by)
     surplus = a.sum() - b.sum()
-    # it moves all mass: a point takes what is too much on a side, from anywhere at no cost
+    # POT moves all mass: an additional point takes the surplus of one side at no cost
     if surplus > 0:
         b, costs = np.append(b, surplus), np.pad(costs, ((0, 0), (0, 1)))
     elif surplus < 0:
         a, costs = np.append(a, -surplus), np.pad(costs, ((0, 1), (0, 0)))
-    # the matrix of costs is given to it
-    return Ready(lambda: ot.emd2(a, b, costs, numItermax=10**7), lambda found: abs(found - exact) / exact)
+    # the cost matrix is computed before
+    return PreparedCase(lambda: ot.emd2(a, b, costs, numItermax=10**7), lambda found: abs(found - exact) / exact)
 
 
 def _assigned(ax: np.ndarray, ay: np.ndarray, am: np.ndarray, bx: np.ndarray, by: np.ndarray, bm: np.ndarray) -> float:
-    """The least work by SciPy, which assigns each unit of mass to another one."""
+    """Return the least benchmark with SciPy, which assigns each unit of mass to another one."""
     ax, ay, bx, by = np.repeat(ax, am), np.repeat(ay, am), np.repeat(bx, bm), np.repeat(by, bm)
     costs = np.hypot(ax[:, None] - bx, ay[:, None] - by)
     return float(costs[linear_sum_assignment(costs)].sum())
 
 
 def _moved_copy(events: Events) -> Events:
-    """The same seen a pixel further left, without one event in ten and with as many at random."""
+    """Shift events one pixel to the left, and replace one in ten by random events."""
     random = np.random.default_rng(0)
     kept = random.random(len(events)) < 0.9
     noise = random_events(int((~kept).sum()), events.sensor_size, duration=events.duration, seed=1)
@@ -142,22 +146,22 @@ def _moved_copy(events: Events) -> Events:
     return Events(t, x, y, p, events.sensor_size)
 
 
-def _pair(options: Options, run: Callable[..., Any], moved: bool) -> Ready:
-    events = street(options)
+def _pair(options: Options, run: Callable[..., Any], moved: bool) -> PreparedCase:
+    events = sensor_recording(options)
     duration = 20_000 if moved and options.quick else 33_333
     first = events.window(events.start, events.start + FRAMES * duration)
     other = _moved_copy(first)
     compare = partial(run, first, other, fps=1e6 / duration)
     exact = partial(metrics.emd, blocks=1) if moved else metrics.chamfer
     expected = float(exact(first, other, fps=1e6 / duration))
-    return Ready(compare, lambda found: abs(float(found) - expected) / expected)
+    return PreparedCase(compare, lambda found: abs(float(found) - expected) / expected)
 
 
-def _sampled_chamfer(share: int, emulated: Events, real: Events, *, fps: float) -> float:
-    """Of one emulated event in `share` only; the real ones stay, because the nearest may be any."""
-    return float(metrics.chamfer(emulated[::share], real, fps=fps))
+def _sampled_chamfer(step: int, emulated: Events, real: Events, *, fps: float) -> float:
+    """Compute the Chamfer distance of every n-th emulated event to all real ones."""
+    return float(metrics.chamfer(emulated[::step], real, fps=fps))
 
 
-def _growing_emd(count: int, cell: int) -> Ready:
+def _growing_emd(count: int, cell: int) -> PreparedCase:
     a, b = (random_events(count, SENSOR, seed=seed) for seed in (0, 1))
-    return Ready(partial(metrics.emd, a, b, blocks=1, cell=cell))
+    return PreparedCase(partial(metrics.emd, a, b, blocks=1, cell=cell))

@@ -1,4 +1,4 @@
-"""Frames of a known motion to events, whose true times an ideal sensor gives."""
+"""Benchmarks of emulating events of a known motion, compared with an ideal sensor."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from itertools import product
 
 import numpy as np
 
-from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.data.events import Events
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.emulation.correlation import pixel_index
 from nvsdata.video.frames import VideoFrame
 
 SIZE, SPEED, DURATION = (128, 96), 60.0, 0.4  # pixels, pixels/s, s
-FINE = 100  # µs between the frames that the ideal sensor sees, in float64
+FINE = 100  # µs between the frames of the ideal sensor, which are float64
 ON, OFF = 0.2, 0.194
 EMULATORS = {
     "PIX2NVS": PIX2NVS(threshold=ON),
@@ -27,7 +27,7 @@ KIND = "median ms between a pixel's k-th ON or OFF event and the ideal sensor's"
 
 
 def cases(options: Options) -> list[Case]:
-    """Errors of times and counts by frame rate."""
+    """Return cases by emulator and frame rate."""
     return list(_by_rate(options))
 
 
@@ -43,14 +43,14 @@ def _by_rate(options: Options) -> Iterator[Case]:
         )
 
 
-def _ready(name: str, rate: int) -> Ready:
+def _ready(name: str, rate: int) -> PreparedCase:
     frames = [VideoFrame(time, np.rint(scene(time)).astype(np.uint8)) for time in _times(1e6 / rate)]
     exact = ideal().window(0, frames[-1].time + 1)
-    share = partial(_percent, len(exact))
-    return Ready(
+    percent = partial(_percent, len(exact))
+    return PreparedCase(
         partial(EMULATORS[name].emulate, frames),
-        lambda found: times_apart(found, exact) / 1e3,
-        counters=lambda found: {"percent of the true events": share(len(found))},
+        lambda found: time_difference(found, exact) / 1e3,
+        counters=lambda found: {"percent of the ideal number of events": percent(len(found))},
     )
 
 
@@ -64,12 +64,19 @@ def _times(gap: float) -> list[int]:
 
 @cache
 def ideal() -> Events:
-    """The events of the scene itself, all but continuous."""
+    """Return the events of an ideal sensor: the scene at 10,000 frames per second in float64."""
     return DVS(on=ON, off=OFF).emulate([VideoFrame(time, scene(time)) for time in _times(FINE)])
 
 
 def scene(time: int) -> np.ndarray:
-    """A texture that drifts, and a disk before it that goes another way, at `time` µs; gray levels, float64 [H, W]."""
+    """Render the scene: a drifting texture, and a disk in front of it that moves in another direction.
+
+    Args:
+        time: Time in µs.
+
+    Returns:
+        Gray levels, float64 [96, 128].
+    """
     y, x = np.mgrid[: SIZE[1], : SIZE[0]].astype(float)
     far = SPEED * time / 1e6
     u, v = x - far, y - 0.35 * far
@@ -78,15 +85,18 @@ def scene(time: int) -> np.ndarray:
     return np.asarray(60 + outside * (50 + 95 * waves / 4))
 
 
-def times_apart(found: Events, exact: Events) -> float:
-    """Median µs between the k-th ON or OFF events of pixels, of those that both have; infinite if there are none."""
+def time_difference(found: Events, exact: Events) -> float:
+    """Return the median difference in µs between the k-th ON or OFF events of the same pixel.
+
+    Events without a counterpart are ignored; infinite if none has one.
+    """
     (ours, when), (theirs, then) = _ranked(found), _ranked(exact)
     _, i, j = np.intersect1d(ours, theirs, assume_unique=True, return_indices=True)
     return float(np.median(np.abs(when[i] - then[j]))) if i.size else np.inf
 
 
 def _ranked(events: Events) -> tuple[np.ndarray, np.ndarray]:
-    """A number per event that tells pixel, polarity and rank among the events of these; and the events' times."""
+    """Return a key of each event from its pixel, polarity and rank among their events, and the events' times in µs."""
     place = pixel_index(events) * 2 + events.p
     order = np.lexsort((events.t, place))
     place = place[order]

@@ -1,4 +1,4 @@
-"""Events to tensors, and to other events."""
+"""Benchmarks of converting events to tensors, and of filters."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from nvsdata import transforms as T
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.inputs import SENSOR, random_events, street
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.inputs import SENSOR, random_events, sensor_recording
 from nvsdata.data.events import Events
 
 Run = Callable[[Events], Any]
@@ -25,23 +25,23 @@ GROWING: dict[str, Run] = {
 
 
 def cases(options: Options) -> list[Case]:
-    """Each transform compared with its peer; voxel grids by interpolation; growing numbers of events."""
+    """Return cases: transforms compared with tonic; interpolation of voxel grids; growing numbers of events."""
     return [*_all(options), *_interpolations(options), *_growing(options)]
 
 
 def _all(options: Options) -> Iterator[Case]:
-    for work, (transform, count) in TRANSFORMS.items():
-        reference = EXACT.get(work)
-        kind = "" if reference is None else "events" if work == "refractory period" else "largest value"
-        kind = kind and f"difference from the definition, in NumPy: {kind}"
-        case = partial(Case, "represent", work, size={"events": count}, error_kind=kind)
+    for benchmark, (transform, count) in TRANSFORMS.items():
+        reference = EXACT.get(benchmark)
+        kind = "" if reference is None else "number of events" if benchmark == "refractory period" else "largest value"
+        kind = kind and f"difference from the definition in NumPy: {kind}"
+        case = partial(Case, "represent", benchmark, size={"events": count}, error_kind=kind)
         yield case(partial(_ready, count, transform, reference), default=True)
-        if work in PEERS:
-            yield case(partial(_peer, count, PEERS[work], PEER_EXACT.get(work, reference)), library="tonic")
+        if benchmark in PEERS:
+            yield case(partial(_peer, count, PEERS[benchmark], PEER_EXACT.get(benchmark, reference)), library="tonic")
 
 
 def _interpolations(options: Options) -> Iterator[Case]:
-    """Time and effect of interpolation in time."""
+    """Yield cases of voxel grids by interpolation in time."""
     for interpolation in ("linear", "nearest"):
         make = partial(_interpolated, options, interpolation)
         yield Case(
@@ -49,7 +49,7 @@ def _interpolations(options: Options) -> Iterator[Case]:
             settings={"interpolation": interpolation},
             axis="interpolation",
             default=interpolation == "linear",
-            error_kind="mean difference from linear interpolation in float64, of its mean",
+            error_kind="mean difference from linear interpolation in float64, relative to the mean",
         )
 
 
@@ -113,7 +113,7 @@ PEERS: dict[str, Callable[[], Any]] = {
     "refractory period": partial(_tonic, "RefractoryPeriod", delta=10_000),
     "background activity": partial(_tonic, "Denoise", filter_time=10_000),
     "downsample": partial(_tonic, "Downsample", spatial_factor=0.5),
-    # its times stay unsorted
+    # tonic leaves the times unsorted
     "time jitter": partial(_tonic, "TimeJitter", std=100),
     "spatial jitter": partial(_tonic, "SpatialJitter", **SEEN, var_x=1, var_y=1, clip_outliers=True),
     "uniform noise": partial(_tonic, "UniformNoise", **SEEN, n=1_000),
@@ -121,33 +121,33 @@ PEERS: dict[str, Callable[[], Any]] = {
 }
 
 
-def _ready(count: int, transform: Run, reference: Run | None) -> Ready:
+def _ready(count: int, transform: Run, reference: Run | None) -> PreparedCase:
     events = random_events(count)
-    return Ready(partial(transform, events), _against(events, reference))
+    return PreparedCase(partial(transform, events), _error_against(events, reference))
 
 
-def _peer(count: int, make: Callable[[], Any], reference: Run | None) -> Ready:
+def _peer(count: int, make: Callable[[], Any], reference: Run | None) -> PreparedCase:
     events = random_events(count)
     structured = events.to_structured().astype(np.dtype([("x", int), ("y", int), ("t", int), ("p", int)]))
-    return Ready(partial(make(), structured), _against(events, reference))
+    return PreparedCase(partial(make(), structured), _error_against(events, reference))
 
 
-def _against(events: Events, reference: Run | None) -> Callable[[Any], float] | None:
+def _error_against(events: Events, reference: Run | None) -> Callable[[Any], float] | None:
     if reference is None:
         return None
     expected = reference(events)
 
     def error(found: Any) -> float:
         if isinstance(expected, Events):
-            return _events_apart(expected, found)
+            return _differing_events(expected, found)
         found = np.asarray(found, np.float64).reshape(expected.shape)
         return float(np.abs(found - expected).max())
 
     return error
 
 
-def _events_apart(expected: Events, found: Any) -> float:
-    """Count the events that only one of both has, or that differ if both have as many."""
+def _differing_events(expected: Events, found: Any) -> float:
+    """Count the events that differ; if the numbers of events differ, return their difference."""
     theirs = found.columns if isinstance(found, Events) else tuple(found[name] for name in "txyp")
     if len(theirs[0]) != len(expected):
         return float(abs(len(theirs[0]) - len(expected)))
@@ -156,7 +156,7 @@ def _events_apart(expected: Events, found: Any) -> float:
 
 
 def _frames(events: Events) -> np.ndarray:
-    """Counts by NumPy, ON first: [16, 2, H, W]."""
+    """Count events with NumPy, ON first: [16, 2, H, W]."""
     width, height = events.sensor_size
     counts = np.zeros((16, 2, height, width))
     span = events.end - events.start
@@ -166,20 +166,20 @@ def _frames(events: Events) -> np.ndarray:
 
 
 def _voxels(events: Events, interpolation: str = "linear") -> np.ndarray:
-    """Zhu et al. 2019 in float64: [16, H, W]."""
+    """Compute the voxel grid of Zhu et al. 2019 in float64: [16, H, W]."""
     width, height = events.sensor_size
     grid = np.zeros((16, height, width))
     place = 15 * (events.t - events.t[0]) / (events.t[-1] - events.t[0])
     lower = np.floor(place).astype(int)
     sign = 2.0 * events.p - 1
-    for bin_, share in ((lower, 1 - (place - lower)), (lower + 1, place - lower)):
+    for bin_, fraction in ((lower, 1 - (place - lower)), (lower + 1, place - lower)):
         inside = bin_ < 16
-        np.add.at(grid, (bin_[inside], events.y[inside], events.x[inside]), (sign * share)[inside])
+        np.add.at(grid, (bin_[inside], events.y[inside], events.x[inside]), (sign * fraction)[inside])
     return grid
 
 
 def _refractory(events: Events) -> Events:
-    """Event by event, in Python."""
+    """Apply a refractory period of 10 ms event by event in Python."""
     last: dict[tuple[int, int], int] = {}
     kept = np.zeros(len(events), bool)
     for i, (t, x, y) in enumerate(zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True)):
@@ -193,10 +193,10 @@ EXACT: dict[str, Run] = {"frames, 16 bins": _frames, "voxel grid, 16 bins": _vox
 PEER_EXACT: dict[str, Run] = {"frames, 16 bins": lambda events: _frames(events)[:, ::-1]}
 
 
-def _interpolated(options: Options, interpolation: str) -> Ready:
-    events = street(options)
+def _interpolated(options: Options, interpolation: str) -> PreparedCase:
+    events = sensor_recording(options)
     expected = _voxels(events)
-    return Ready(
+    return PreparedCase(
         partial(T.VoxelGrid(16, interpolation), events),  # type: ignore[arg-type]
         lambda found: float(np.abs(found.numpy().reshape(expected.shape) - expected).mean() / np.abs(expected).mean()),
     )

@@ -1,4 +1,4 @@
-"""From the start of a process to its first result, and the memory that the process takes."""
+"""Benchmarks of the time from the start of a process to its first result, and of its memory."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from functools import partial
 from importlib import import_module
 
 from nvsdata import formats
-from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.benchmarks.inputs import digits
 from nvsdata.benchmarks.tasks.emulate import clip
 
 READ = """import nvsdata
 events = nvsdata.read(sys.argv[1], sensor_size=(34, 34))
 """
-# what a new user does first
+# first steps of a new user
 OURS = {
     "import": "import nvsdata",
     "N-MNIST file to frames": f"{READ}nvsdata.transforms.ToFrames(10)(events)",
@@ -25,7 +25,7 @@ OURS = {
 graph = nvsdata.transforms.RadiusGraph(3.0)(events[:1000])
 models.rgcnn("n-mnist").eval()(graph)""",
     "video to events": "import nvsdata; nvsdata.PIX2NVS().emulate(sys.argv[2])",
-    "first decision of a stream": f"""{READ}from nvsdata import models
+    "first scores of a stream": f"""{READ}from nvsdata import models
 live = models.stream(models.rgcnn("n-mnist").eval())
 live.feed(events[:1000])
 live.scores()""",
@@ -41,7 +41,7 @@ dtype = np.dtype([("x", int), ("y", int), ("t", int), ("p", int)])
 tonic.transforms.ToFrame(sensor_size=(34, 34, 2), n_time_bins=10)(read_mnist_file(sys.argv[1], dtype))""",
     ),
 }
-# Linux tells the most that a process held; its resource usage would begin with that of the process that started it
+# VmHWM, because getrusage would include the peak of the parent process before exec
 REPORT = """
 try:
     with open("/proc/self/status") as file:
@@ -52,19 +52,19 @@ except OSError:
 
 
 def cases(options: Options) -> list[Case]:
-    """Imports, then the first result of each kind."""
+    """Return cases: imports, then first results."""
     return list(_each(options))
 
 
 def _each(options: Options) -> Iterator[Case]:
-    for work, script in OURS.items():
-        if work in THEIRS:
-            library, theirs = THEIRS[work]
-            yield Case("start", work, partial(_process, options, theirs, library), library=library)
-        yield Case("start", work, partial(_process, options, script), default=True)
+    for benchmark, script in OURS.items():
+        if benchmark in THEIRS:
+            library, theirs = THEIRS[benchmark]
+            yield Case("start", benchmark, partial(_process, options, theirs, library), library=library)
+        yield Case("start", benchmark, partial(_process, options, script), default=True)
 
 
-def _process(options: Options, script: str, library: str = "") -> Ready:
+def _process(options: Options, script: str, library: str = "") -> PreparedCase:
     if library:
         import_module(library)
     recording = options.scratch / "start.bin"
@@ -78,4 +78,4 @@ def _process(options: Options, script: str, library: str = "") -> Ready:
     def memory(kilobytes: int) -> Mapping[str, int]:
         return {"memory in MB": kilobytes // 1024}
 
-    return Ready(run, counters=memory)
+    return PreparedCase(run, counters=memory)

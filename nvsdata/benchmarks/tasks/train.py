@@ -1,4 +1,4 @@
-"""Steps of training."""
+"""Benchmarks of training steps."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from torch import nn
 from torch.nn.functional import cross_entropy
 
 from nvsdata import models
-from nvsdata.benchmarks.case import Case, Options, Ready
-from nvsdata.benchmarks.networks import CONFIGURED, doubled, samples, settle, steady, windows
+from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.networks import NETWORKS, digit_batch, fixed_network, in_float64, sample_batch, synchronize
 
-LOSS = "difference of the first loss from float64 on the CPU"
+LOSS = "difference of the first loss from that in float64 on the CPU"
 
 
 def cases(options: Options) -> list[Case]:
-    """RG-CNN compared with PyTorch Geometric's; every configuration; precision; batches of growing size."""
-    each = _beside_pyg, _every, _precisions, _growing
+    """Return cases: RG-CNN compared with PyTorch Geometric; all configurations; precision; growing batches."""
+    each = _compared_with_pyg, _every, _precisions, _growing
     return [replace(case, device=options.device) for some in each for case in some(options)]
 
 
-def _beside_pyg(options: Options) -> Iterator[Case]:
-    work, size = "a step of RG-CNN (n-mnist, 3 convolutions)", {"graphs": _graphs(options)}
-    case = partial(Case, "train", work, size=size)
+def _compared_with_pyg(options: Options) -> Iterator[Case]:
+    benchmark, size = "a step of RG-CNN (n-mnist, 3 convolutions)", {"graphs": _graphs(options)}
+    case = partial(Case, "train", benchmark, size=size)
     yield case(partial(_on_digits, options, size["graphs"]), default=True, error_kind=LOSS)
     yield case(partial(_by_pyg, options, size["graphs"]), library="torch_geometric")
 
 
 def _every(options: Options) -> Iterator[Case]:
-    for name in CONFIGURED:
+    for name in NETWORKS:
         make = partial(_configured, options, name)
         yield Case("train", f"a step of {name}", make, error_kind=LOSS, alone=True)
 
@@ -63,30 +63,35 @@ def _graphs(options: Options) -> int:
     return 16 if options.quick else 64
 
 
-def _on_digits(options: Options, graphs: int, precision: str = "float32") -> Ready:
-    batch, targets = windows(options, graphs)
+def _on_digits(options: Options, graphs: int, precision: str = "float32") -> PreparedCase:
+    batch, targets = digit_batch(options, graphs)
     make = partial(models.rgcnn, "n-mnist")
-    return _stepping(options, steady(make, options.device), batch, targets, _exact(make, batch, targets), precision)
+    return _stepping(
+        options, fixed_network(make, options.device), batch, targets, _exact(make, batch, targets), precision
+    )
 
 
-def _configured(options: Options, name: str) -> Ready:
-    make, sensor_size, sequences = CONFIGURED[name]
-    batch, targets = samples(sensor_size, sequences), torch.arange(2)
-    model, exact = steady(make, options.device), _exact(make, batch, targets)
+def _configured(options: Options, name: str) -> PreparedCase:
+    make, sensor_size, sequences = NETWORKS[name]
+    batch, targets = sample_batch(sensor_size, sequences), torch.arange(2)
+    model, exact = fixed_network(make, options.device), _exact(make, batch, targets)
     return _stepping(options, model, batch.to(options.device), targets.to(options.device), exact)
 
 
-def _by_pyg(options: Options, graphs: int) -> Ready:
-    """Its weights, and how it scales pseudo-coordinates after pooling, are its own: losses can't be compared."""
+def _by_pyg(options: Options, graphs: int) -> PreparedCase:
+    """Prepare a step with PyTorch Geometric.
+
+    Its weights and the scale of its pseudo-coordinates after pooling differ from ours, so losses can't be compared.
+    """
     from nvsdata.benchmarks.pyg_network import PyGRGCNN
 
-    batch, targets = windows(options, graphs)
-    return _stepping(options, steady(PyGRGCNN, options.device), batch.to_pyg(), targets)
+    batch, targets = digit_batch(options, graphs)
+    return _stepping(options, fixed_network(PyGRGCNN, options.device), batch.to_pyg(), targets)
 
 
 def _exact(make: Any, batch: Any, targets: torch.Tensor) -> float:
-    """The loss in float64 on the CPU, before the first step."""
-    return cross_entropy(steady(make).double()(doubled(batch.to("cpu"))), targets.cpu()).item()
+    """Return the loss in float64 on the CPU, before the first step."""
+    return cross_entropy(fixed_network(make).double()(in_float64(batch.to("cpu"))), targets.cpu()).item()
 
 
 def _stepping(
@@ -96,10 +101,10 @@ def _stepping(
     targets: torch.Tensor,
     exact: float | None = None,
     precision: str = "float32",
-) -> Ready:
-    """Forward, backward and Adam."""
+) -> PreparedCase:
+    """Prepare a training step: forward pass, backward pass and Adam."""
     if precision == "float64":
-        model, batch = model.double(), doubled(batch)
+        model, batch = model.double(), in_float64(batch)
     optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
     first: list[float] = []
 
@@ -109,9 +114,9 @@ def _stepping(
             loss = cross_entropy(model(batch), targets)
         torch.autograd.backward(loss)
         optimizer.step()
-        settle(options.device)
+        synchronize(options.device)
         if not first:
             first.append(loss.item())
         return first
 
-    return Ready(run, None if exact is None else lambda found: abs(found[0] - exact))
+    return PreparedCase(run, None if exact is None else lambda found: abs(found[0] - exact))

@@ -62,7 +62,7 @@ def unpack(path: Path, folder: Path) -> None:
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
-        raise DownloadError(f"{shown(path)}: not unpacked, because {shown(folder)} is there already") from None
+        raise DownloadError(f"{shown(path)}: not unpacked, because {shown(folder)} already exists") from None
     try:
         budget = _Budget(min(MOST_BYTES, max(SMALL, MOST_TIMES * path.stat().st_size)), MOST_FILES)
         _unpack(path, shown(path), folder, budget, DEEPEST)

@@ -60,8 +60,8 @@ def test_the_command_says_what_answers_by_its_exit_code_too(host, monkeypatch, c
     assert main(["datasets", "--check"]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert lines == [
-        ["n-mnist", "its", "page", f"{host.address}/page", "there"],
-        ["n-mnist", "a.zip", "0.00", "GB", url, "there"],
+        ["n-mnist", "its", "page", f"{host.address}/page", "available"],
+        ["n-mnist", "a.zip", "0.00", "GB", url, "available"],
     ]
     monkeypatch.setattr(NCARS, "info", info(host, f"{host.address}/gone", name="n-cars"))
     assert main(["datasets", "--check", "--json"]) == 1

@@ -151,7 +151,7 @@ def test_the_command_deletes_archives_or_says_that_it_may(host, root, capsys, mo
     info = dataset(archive(host.serve("/whole", CONTENT)))
     monkeypatch.setattr(NMNIST, "info", info)
     assert main(["download", "n-mnist", "--root", str(root)]) == 0
-    told = "1 archives next to what is unpacked in {}, 0.00 GB: --delete-archives deletes them\n"
+    told = "1 archives with 0.00 GB are still in {}: --delete-archives deletes them\n"
     assert told.format(root) in capsys.readouterr().err
     assert main(["download", "n-mnist", "--root", str(root), "--delete-archives"]) == 0
     assert capsys.readouterr() == (f"{root / 'Train'}\n", "")
@@ -166,7 +166,7 @@ def test_a_mirror_may_be_given_to_the_command(host, root, capsys, monkeypatch):
     (root / "mirror/Train.zip").write_bytes(CONTENT)
     how = ["download", "n-mnist", "--root", str(root / "data"), "--mirror", str(root / "mirror")]
     assert main([*how, "--dry-run"]) == 0
-    assert f"asked first: {root / 'mirror'}\n" in capsys.readouterr().out
+    assert f"tried first: {root / 'mirror'}\n" in capsys.readouterr().out
     assert main([*how, "--delete-archives"]) == 0
     assert left(root / "data") == ["Train"]
     # a mirror is not ours to delete from

@@ -173,7 +173,10 @@ def test_what_begins_with_records_whose_times_rise_seems_to_be_aedat_1(head, see
 )
 def test_what_only_ends_in_aedat_is_none(tmp_path, content):
     (tmp_path / "a.aedat").write_bytes(content)
-    with pytest.raises(FormatError, match="byte 0: the extension says aedat2, but the file does not begin as one"):
+    with pytest.raises(
+        FormatError,
+        match="byte 0: the extension means aedat2, but the file doesn't begin like one",
+    ):
         nvsdata.open(tmp_path / "a.aedat")
 
 

@@ -207,4 +207,4 @@ def test_convert_says_what_is_lost_and_keeps_its_journal(tmp_path, capsys):
         name, *rest = words
         args = ["convert", str(tmp_path / "a.aedat4"), str(tmp_path / name), *rest, "--sensor-size", "20x20"]
         assert main([*args, "--overwrite"]) == 0
-        assert f"{name} can't hold everything: {lost} are left out" in capsys.readouterr().err
+        assert f"{name} can't contain everything: {lost} are left out" in capsys.readouterr().err

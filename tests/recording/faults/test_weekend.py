@@ -126,7 +126,7 @@ def nights(folder):
         (folder / f"run-{len(endings)}.txt").write_text(process.stdout + process.stderr)
         assert "Traceback" not in process.stderr, process.stderr
         endings.append(process.returncode)
-        if "were there" in process.stdout:
+        if "already existed" in process.stdout:
             return endings
     raise AssertionError(f"{folder}: the batch doesn't come to its end: {endings}")
 

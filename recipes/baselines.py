@@ -1,14 +1,16 @@
-"""What Table 4.7 compares the graph CNNs with, on recordings of one's own: HATS and HOTS with simple classifiers.
+"""Classify recordings with the baselines of Table 4.7 of the thesis: HATS and HOTS with simple classifiers.
 
-    python recipes/rivals.py --dataset n-mnist --root N-MNIST --out rivals.json
+    python recipes/baselines.py --dataset n-mnist --root N-MNIST --out baselines.json
 
-Whole recordings; as in train_objects.py, a fifth of each class is held back by the seed if the data has no test split.
+Entire recordings are classified. If the data has no test split, a random fifth of each class is the test set, as in
+train_objects.py.
 
-- HATS (Sironi et al. 2018): averaged time surfaces and a linear SVM, as in the paper; its cell, window and the SVM's
-  penalty are those that are best over three random fifths of the training set
-- HOTS (Lagorce et al. 2017): three layers of prototypes of time surfaces, found by k-means; then histograms of the last
-  layer's prototypes, which a linear SVM, or the Bhattacharyya distance to each class's mean, tells apart
-- counts: the numbers of events per pixel and a linear SVM, to compare with
+- HATS (Sironi et al. 2018): averaged time surfaces and a linear SVM, as in the paper. The cell, the window and the
+  penalty of the SVM are the best ones on three random fifths of the training set.
+- HOTS (Lagorce et al. 2017): three layers of prototypes of time surfaces, found by k-means. Histograms of the
+  prototypes of the last layer are classified by a linear SVM, or by the Bhattacharyya distance to the mean of each
+  class.
+- Counts: the numbers of events per pixel and a linear SVM, for comparison.
 """
 
 from __future__ import annotations
@@ -30,10 +32,10 @@ from nvsdata.datasets.splits import stratified
 from nvsdata.kernels.represent.hots import feature_surfaces, nearest_prototypes
 from nvsdata.training import TrainTestSplit
 
-# side of a cell in pixels, and µs; sqrt: of the features, as histograms are often given to an SVM
+# side of a cell in pixels; window in µs; square root of the features, which is usual for histograms
 CELLS, WINDOWS, ROOTS = (5, 7, 10), (10_000, 100_000), (False, True)
 PENALTIES = (0.1, 1.0, 10.0, 100.0)
-# of each layer of HOTS: prototypes, radius in pixels, time constant in µs; and surfaces that k-means sees
+# prototypes, radius in pixels and time constant in µs of each layer of HOTS; surfaces for k-means
 LAYERS = ((4, 2, 20_000.0), (8, 4, 40_000.0), (16, 8, 80_000.0))
 SEEN = 8_000
 
@@ -59,11 +61,14 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings"
+        "--dataset",
+        required=True,
+        choices=sorted(DATASETS),
+        help='dataset; "folder" is any folder with a subfolder for each class',
     )
     parser.add_argument("--root", required=True, type=Path, help="folder or packed store of the recordings")
-    parser.add_argument("--out", type=Path, required=True, help="receives the accuracies (JSON)")
-    parser.add_argument("--seed", type=int, default=0, help="of the split and of k-means (default 0)")
+    parser.add_argument("--out", type=Path, required=True, help="JSON file for the accuracies")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the split and of k-means (default 0)")
     return parser.parse_args()
 
 
@@ -73,51 +78,51 @@ def _loaded(part: Any) -> tuple[list[Any], np.ndarray]:
 
 
 def _hats(train: list[Any], test: list[Any], labels: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
-    """HATS with the settings that are best within the training set."""
+    """Classify HATS with the settings that are best within the training set."""
     tried = []
     for cell, window, root in product(CELLS, WINDOWS, ROOTS):
         transform = T.HATS(cell, window=window)
         features = [np.stack([transform(one).numpy().ravel() for one in part]) for part in (train, test)]
         features = [np.sqrt(one) if root else one for one in features]
-        penalty, share = _best_penalty(features[0], labels)
-        tried.append((share, penalty, {"cell": cell, "window": window, "root": root}, features))
-    share, penalty, settings, (seen, unseen) = max(tried, key=lambda one: one[0])
+        penalty, accuracy_within = _best_penalty(features[0], labels)
+        tried.append((accuracy_within, penalty, {"cell": cell, "window": window, "root": root}, features))
+    accuracy_within, penalty, settings, (seen, unseen) = max(tried, key=lambda one: one[0])
     accuracy = (svm(*_scaled(seen, unseen), labels, penalty) == truth).mean()
-    return {"accuracy": float(accuracy), "within training": share, "penalty": penalty, **settings}
+    return {"accuracy": float(accuracy), "within training": accuracy_within, "penalty": penalty, **settings}
 
 
 def _by_svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
-    penalty, share = _best_penalty(train, labels)
+    penalty, accuracy_within = _best_penalty(train, labels)
     accuracy = (svm(*_scaled(train, test), labels, penalty) == truth).mean()
-    return {"accuracy": float(accuracy), "within training": share, "penalty": penalty}
+    return {"accuracy": float(accuracy), "within training": accuracy_within, "penalty": penalty}
 
 
 def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, float]:
-    """The penalty with the best accuracy over three random fifths that are held back, and that accuracy."""
+    """Return the penalty with the best mean accuracy on three random fifths, and that accuracy."""
     names = [(str(label), str(i)) for i, label in enumerate(labels)]
     parts = [stratified(names, 0.2, seed=seed) for seed in range(3)]
-    shares = {
+    accuracies = {
         penalty: np.mean(
             [(svm(*_scaled(features[a], features[b]), labels[a], penalty) == labels[b]).mean() for a, b in parts]
         )
         for penalty in PENALTIES
     }
-    best = max(shares, key=lambda penalty: shares[penalty])
-    return best, float(shares[best])
+    best = max(accuracies, key=lambda penalty: accuracies[penalty])
+    return best, float(accuracies[best])
 
 
 def _scaled(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Features less the training set's mean, over the root of the sum of their variances."""
+    """Subtract the mean of the training set, and divide by the root of the sum of its variances."""
     mean = train.mean(0)
     size = np.sqrt(((train - mean) ** 2).sum(1).mean())
     return (train - mean) / size, (test - mean) / size
 
 
 def svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, penalty: float) -> np.ndarray:
-    """Classes of `test` by linear SVMs, one against the rest, of squared hinge loss (as in LIBLINEAR)."""
+    """Return the classes of `test` by linear one-vs-rest SVMs with squared hinge loss (as in LIBLINEAR)."""
     classes = np.unique(labels)
     if len(train) < train.shape[1]:
-        # the weights are sums of training features, so coordinates among these are enough
+        # the weights are linear combinations of the training features, so coordinates in their span are enough
         axes, coordinates = np.linalg.qr(train.T)
         train, test = coordinates.T, test @ axes
     seen, unseen = (np.hstack((part, np.ones((len(part), 1)))) for part in (train, test))
@@ -126,22 +131,22 @@ def svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, penalty: float)
 
     def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
         w = flat.reshape(shape)
-        lacking = np.maximum(1 - sign * (seen @ w), 0)
-        slope = w - 2 * penalty * seen.T @ (sign * lacking)
-        return 0.5 * (w**2).sum() + penalty * (lacking**2).sum(), slope.ravel()
+        hinge = np.maximum(1 - sign * (seen @ w), 0)
+        slope = w - 2 * penalty * seen.T @ (sign * hinge)
+        return 0.5 * (w**2).sum() + penalty * (hinge**2).sum(), slope.ravel()
 
     weights = minimize(loss, np.zeros(np.prod(shape)), jac=True, method="L-BFGS-B", options={"maxiter": 200}).x
     return classes[np.argmax(unseen @ weights.reshape(shape), 1)]
 
 
 def hots(train: list[Any], test: list[Any], sensor_size: tuple[int, int], seed: int) -> list[np.ndarray]:
-    """Histograms of the last layer's prototypes: of the recordings for training, and for testing, each sums to 1."""
+    """Return histograms of the prototypes of the last layer, for training and for testing; each sums to 1."""
     rng = np.random.default_rng(seed)
     features, found = 2, [[events.p.astype(np.int64) for events in part] for part in (train, test)]
     longest = max(events.duration for events in (*train, *test))
     if longest > 500 * LAYERS[0][2]:
         raise ValueError(
-            f"a recording of {longest / 1e6:.1f} s: HOTS's first layer takes those of up to 10 s; cut windows"
+            f"a recording of {longest / 1e6:.1f} s: the first layer of HOTS supports up to 10 s; cut the recordings"
         )
     for count, radius, tau in LAYERS:
         shape = features, sensor_size[1] + 2 * radius, sensor_size[0] + 2 * radius
@@ -166,7 +171,7 @@ def hots(train: list[Any], test: list[Any], sensor_size: tuple[int, int], seed: 
 
 
 def _nearest(train: np.ndarray, test: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Classes of histograms by the Bhattacharyya distance to the classes' means."""
+    """Return the classes of histograms with the smallest Bhattacharyya distance to the mean of the class."""
     classes = np.unique(labels)
     means = np.stack([train[labels == one].mean(0) for one in classes])
     return classes[np.argmax(np.sqrt(test) @ np.sqrt(means).T, 1)]

@@ -1,10 +1,11 @@
-"""What networks cost that follow events, beside the same networks on whole windows, and how far the two are apart.
+"""Measure incremental inference, compared with the same networks on windows: time, memory, and difference of scores.
 
-    python recipes/bench/streaming.py davis240c_IMU_translBoxes.aedat n-mnist.bin         # on one core, torch too
+    python recipes/bench/streaming_speed.py davis240c_IMU_translBoxes.aedat n-mnist.bin         # all on one core
 
-Exact streams are fed 1, 10, 78 (1 ms of the boxes) and 1,000 events at a time; a whole window is its graph and the
-fused network. Causal streams are fed event by event, in windows of ever more events. Then memory and rounding over
---events events, and decisions on all recordings of --recordings (N-MNIST's folder), streamed and in batches.
+Exact streams are fed 1, 10, 78 (1 ms of the recording of boxes) and 1,000 events at a time. They are compared with the
+graph of the window and the fused network. Causal streams are fed event by event, in windows of more and more events.
+Memory and rounding errors are measured over --events events. With --recordings (the folder of N-MNIST), the classes of
+all recordings are compared, streamed and as one graph.
 """
 
 from __future__ import annotations
@@ -41,10 +42,12 @@ Row = dict[str, Any]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recording", type=Path, nargs="+", help="240x180 or 34x34")
-    parser.add_argument("--recordings", type=Path, help="N-MNIST's folder, for decisions (default: none)")
-    parser.add_argument("--events", type=int, default=1_000_000, help="for memory and rounding (default 1e6)")
-    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    parser.add_argument("recording", type=Path, nargs="+", help="recordings of sensors of 240x180 or 34x34 pixels")
+    parser.add_argument("--recordings", type=Path, help="folder of N-MNIST, to compare classes (default: none)")
+    parser.add_argument(
+        "--events", type=int, default=1_000_000, help="number of events for memory and rounding (default 1e6)"
+    )
+    parser.add_argument("--out", type=Path, help="JSON file for the results")
     args = parser.parse_args()
     torch.set_num_threads(1)
     found: dict[str, list[Row]] = {"exact": [], "causal": [], "long": [], "decisions": []}
@@ -55,7 +58,7 @@ def main() -> None:
         found["causal"].append(causal(path.stem, events, WINDOW))
     longest = max(map(nvsdata.read, args.recording), key=len)
     spans = [int(longest.t[nodes + 2_000] - longest.t[2_000]) for nodes in NODES if nodes + 4_000 < len(longest)]
-    found["causal"] += [causal("ever more nodes", longest, span, CAUSAL) for span in spans]
+    found["causal"] += [causal("growing windows", longest, span, CAUSAL) for span in spans]
     found["long"] = [long(args.events, causal=flag) for flag in (False, True)]
     if args.recordings:
         found["decisions"] = [decisions(args.recordings)]
@@ -67,10 +70,10 @@ def main() -> None:
 
 
 def exact(name: str, events: Events, beta: float, step: int) -> Row:
-    """The network of a dataset, fed so many events at a time."""
+    """Measure an exact stream that is fed `step` events at a time."""
     small = max(events.sensor_size) <= 34
     settings = Objects("n-mnist" if small else "asl-dvs", features=(), k=1)
-    network, graph = settled(settings.build(events.sensor_size, 10)), T.RadiusGraph(max_degree=16, beta=beta)
+    network, graph = with_statistics(settings.build(events.sensor_size, 10)), T.RadiusGraph(max_degree=16, beta=beta)
     live, start = models.stream(network, WINDOW, graph), len(events) // 2
     live.feed(events[:start])
     for at in range(start, start + 3):
@@ -94,21 +97,21 @@ def exact(name: str, events: Events, beta: float, step: int) -> Row:
         "exact": name,
         "beta": f"{beta:.1e}",
         "nodes": len(live),
-        "events a step": step,
+        "events per step": step,
         "ms": 1e3 * float(np.median(times)),
         "p99": 1e3 * float(np.quantile(times, 0.99)),
-        "whole window, ms": 1e3 * float(np.median(wholes)),
-        "times cheaper": float(np.median(wholes) / np.median(times)),
+        "window, ms": 1e3 * float(np.median(wholes)),
+        "speedup": float(np.median(wholes) / np.median(times)),
         "M products": (live.products - before) / rounds / 1e6,
-        "apart": float((live.scores() - expected).abs().max()),
+        "largest difference": float((live.scores() - expected).abs().max()),
     }
 
 
 def causal(name: str, events: Events, window: int, settings: Row | None = None) -> Row:
-    """A causal network, event by event."""
+    """Measure a causal stream that is fed event by event."""
     settings = settings or (CAUSAL if max(events.sensor_size) <= 34 else WIDE)
     graph = T.RadiusGraph(max_degree=8, causal=True)
-    network = settled(models.RGCNN(10, sensor_size=events.sensor_size, **settings))
+    network = with_statistics(models.RGCNN(10, sensor_size=events.sensor_size, **settings))
     live = models.stream(network, window, graph)
     skipped = min(int(events.t.searchsorted(int(events.t[0]) + window)) + 1_000, len(events) - 1_500)
     live.feed(events[:skipped])
@@ -121,18 +124,18 @@ def causal(name: str, events: Events, window: int, settings: Row | None = None) 
     return {
         "causal": name,
         "nodes": len(live),
-        "us an event": 1e6 * float(np.median(fed)),
+        "us per event": 1e6 * float(np.median(fed)),
         "p99": 1e6 * float(np.quantile(fed, 0.99)),
-        "us to read out": 1e6 * float(np.median(read)),
+        "us to read scores": 1e6 * float(np.median(read)),
         "k products": (live.products - before) / 1_500 / 1e3,
     }
 
 
 def long(count: int, *, causal: bool) -> Row:
-    """Memory and rounding over many events."""
+    """Measure memory and rounding errors over many events."""
     rng = np.random.default_rng(0)
     graph = T.RadiusGraph(max_degree=8, causal=causal)
-    network = settled(models.RGCNN(10, **CAUSAL)) if causal else settled(models.rgcnn("n-mnist"))
+    network = with_statistics(models.RGCNN(10, **CAUSAL)) if causal else with_statistics(models.rgcnn("n-mnist"))
     live, now, peaks = models.stream(network, WINDOW, graph), 0, []
     kept: deque[Events] = deque(maxlen=WINDOW // 250 + 1)
     started = time.perf_counter()
@@ -152,17 +155,17 @@ def long(count: int, *, causal: bool) -> Row:
     return {
         "long": "causal" if causal else "exact",
         "events": count,
-        "us an event": 1e6 * taken / count,
+        "us per event": 1e6 * taken / count,
         "MB after a fifth": peaks[0],
         "MB at the end": peaks[-1],
-        "apart from a fresh one": float("nan") if causal else float((live.scores() - fresh.scores()).abs().max()),
+        "difference from a new stream": float("nan") if causal else float((live.scores() - fresh.scores()).abs().max()),
     }
 
 
 def decisions(root: Path) -> Row:
-    """How many recordings are decided alike, streamed event by event and as one causal graph."""
+    """Count the recordings with the same class, streamed and as one causal graph."""
     graph = T.RadiusGraph(max_degree=8, causal=True)
-    network, same, apart = settled(models.RGCNN(10, **CAUSAL)), 0, 0.0
+    network, same, apart = with_statistics(models.RGCNN(10, **CAUSAL)), 0, 0.0
     recordings = NMNIST(root, "all", transform=lambda recording: recording.read())
     for n in range(len(recordings)):
         events = recordings[n][0]
@@ -173,11 +176,11 @@ def decisions(root: Path) -> Row:
             whole = network(graph(events))[0]
         same += int(live.scores().argmax() == whole.argmax())
         apart = max(apart, float((live.scores() - whole).abs().max()))
-    return {"decisions": len(recordings), "the same": same, "apart": apart}
+    return {"decisions": len(recordings), "same class": same, "largest difference": apart}
 
 
-def settled(network: Any) -> Any:
-    """A network for inference with statistics as after training, and shortcuts that count."""
+def with_statistics(network: Any) -> Any:
+    """Give a network random statistics and weights of batch normalization, as after training."""
     torch.manual_seed(0)
     for part in network.modules():
         if getattr(part, "running_mean", None) is not None:

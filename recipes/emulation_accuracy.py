@@ -1,10 +1,11 @@
-"""How close emulators come to a real sensor, from pairs of frames and events that it gave together.
+"""Compare emulators with a real sensor, on pairs of frames and events that it recorded together.
 
-    python recipes/emulation_truth.py slider_depth.npz street.aedat4 --out truth
-    python recipes/emulation_truth.py street.aedat4 --v2e ../v2e      # with a checkout of v2e, and what it imports
+    python recipes/emulation_accuracy.py slider_depth.npz street.aedat4 --out accuracy
+    python recipes/emulation_accuracy.py street.aedat4 --v2e ../v2e      # with a checkout of v2e and its dependencies
 
-A pair is a recording that holds frames, or an .npz with frames uint8 [F, H, W], frame_times, t (µs), x, y and p. What
-can be fitted or tuned sees the first half of the frames only (3 at least); all are held to the other events.
+A pair is a recording with frames, or an .npz file with frames uint8 [F, H, W], frame_times, t (µs), x, y and p.
+Emulators are fitted and tuned on the first half of the frames (at least 3), and compared with the events of the second
+half.
 """
 
 from __future__ import annotations
@@ -40,16 +41,22 @@ Emulate = Callable[[list[VideoFrame]], Events]
 
 @dataclass(frozen=True)
 class Row:
-    """What an emulator gives on the part of a pair that it hasn't seen, compared with the sensor.
+    """Comparison of an emulator with the sensor, on the part of a pair that wasn't used for fitting.
 
-    - `inverse`, `chamfer`, `emd`: the thesis's distances, from emulated to real
-    - `inverse_back`, `chamfer_back`: from real to emulated
-    - `score`: of the first three, among the emulators of a pair
-    - `off`, `on`: numbers of events over the sensor's
-    - `correlation`: of the numbers of events per pixel
-    - `intervals`: mean difference of the deciles of log10 of the intervals within pixels
-    - `first`: median ms between the first events of a pixel and polarity after a frame
-    - `speed`: s per s of video
+    Args:
+        emulator: Name of the emulator.
+        inverse: 1 - epsilon-repeatability from emulated to real events.
+        chamfer: Chamfer distance from emulated to real events.
+        emd: Earth mover's distance.
+        inverse_back: 1 - epsilon-repeatability from real to emulated events.
+        chamfer_back: Chamfer distance from real to emulated events.
+        score: Score of `inverse`, `chamfer` and `emd` among the emulators of a pair.
+        off: Number of OFF events relative to that of the sensor.
+        on: Number of ON events relative to that of the sensor.
+        correlation: Correlation of the numbers of events per pixel.
+        intervals: Mean difference of the deciles of log10 of the intervals between events of a pixel.
+        first: Median time in ms between the first events of a pixel and polarity after a frame.
+        speed: Computing time in s per s of video.
     """
 
     emulator: str
@@ -69,23 +76,32 @@ class Row:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("pairs", type=Path, nargs="+", metavar="PAIR")
-    parser.add_argument("--out", type=Path, default=Path("truth"))
-    parser.add_argument("--trials", type=at_least_1, default=100, help="of the search for PIX2NVS's settings")
-    parser.add_argument("--v2e", type=Path, metavar="DIR", help="a checkout of https://github.com/SensorsINI/v2e")
+    parser.add_argument("pairs", type=Path, nargs="+", metavar="PAIR", help="recordings with frames, or .npz files")
+    parser.add_argument(
+        "--out", type=Path, default=Path("accuracy"), help="folder for tables and images (default accuracy)"
+    )
+    parser.add_argument(
+        "--trials", type=at_least_1, default=100, help="trials of the search for settings of PIX2NVS (default 100)"
+    )
+    parser.add_argument(
+        "--v2e",
+        type=Path,
+        metavar="DIR",
+        help="compare with v2e, too, in this checkout of https://github.com/SensorsINI/v2e",
+    )
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     with claimed(args.out):
         for path in args.pairs:
-            rows = compared(path, args)
+            rows = compare_emulators(path, args)
             text = f"{path.name}\n{table(rows)}\n"
             print(text, flush=True)
             put(args.out / f"{path.stem}.txt", text.encode())
             put(args.out / f"{path.stem}.json", json.dumps([asdict(row) for row in rows], indent=1).encode())
 
 
-def compared(path: Path, args: argparse.Namespace) -> list[Row]:
-    """A row per emulator, and a picture of the fitted one beside the sensor."""
+def compare_emulators(path: Path, args: argparse.Namespace) -> list[Row]:
+    """Return a row for each emulator; write an image of the fitted one next to the sensor."""
     frames, events = read_pair(path)
     seen = max(len(frames) // 2, 3)
     if len(frames) <= seen:
@@ -107,15 +123,17 @@ def compared(path: Path, args: argparse.Namespace) -> list[Row]:
         "DVS, fitted with noise": noisy.settings.emulate,
         **({"v2e": v2e(args.v2e)} if args.v2e else {}),
     }
-    print(f"{path.name}: events follow frames by {fitted.delay} µs; {fitted.settings}; unknown: {fitted.unidentified}")
+    print(
+        f"{path.name}: events lag frames by {fitted.delay} µs; {fitted.settings}; unidentified: {fitted.unidentified}"
+    )
     plots.save_png(side_by_side(fitted.settings.emulate(test), real, 1e6 / test[1].time), args.out / f"{path.stem}.png")
-    rows = [measured(name, emulate, test, real) for name, emulate in emulators.items()]
+    rows = [measure(name, emulate, test, real) for name, emulate in emulators.items()]
     scores = metrics.score([(row.inverse, row.chamfer, row.emd) for row in rows])
     return [replace(row, score=float(score)) for row, score in zip(rows, scores, strict=True)]
 
 
 def read_pair(path: Path) -> tuple[list[VideoFrame], Events]:
-    """Frames and events of one clock."""
+    """Read frames and events with times in the same clock."""
     if path.suffix != ".npz":
         recording = nvsdata.open(path)
         return list(frames_of(recording)), recording.read()
@@ -126,7 +144,7 @@ def read_pair(path: Path) -> tuple[list[VideoFrame], Events]:
 
 
 def part(frames: list[VideoFrame], events: Events, delay: int) -> tuple[list[VideoFrame], Events]:
-    """Some frames and the events between them, both from 0 on."""
+    """Return frames and the events between them, with times that begin at 0."""
     start, last = frames[0].time, frames[-1].time - frames[0].time
     inside = slice(*np.searchsorted(events.t, (start + delay, start + delay + last)))
     t, x, y, p = (column[inside] for column in events.columns)
@@ -135,7 +153,7 @@ def part(frames: list[VideoFrame], events: Events, delay: int) -> tuple[list[Vid
 
 
 def textbook(frames: list[VideoFrame], real: Events) -> DVS:
-    """One threshold for both polarities, by which the pixel fires as often as the sensor."""
+    """Return a DVS with one threshold for both polarities and as many events as the sensor."""
     low, high = 0.01, 3.0
     while high / low > 1.001:
         middle = (low * high) ** 0.5
@@ -145,7 +163,7 @@ def textbook(frames: list[VideoFrame], real: Events) -> DVS:
 
 
 def v2e(folder: Path) -> Emulate:
-    """v2e's pixel with its defaults: thresholds 0.2 with a spread of 0.03, a leak of 0.1 Hz."""
+    """Return v2e's emulator with default settings: thresholds 0.2 +- 0.03, leak rate 0.1 Hz."""
     sys.path.insert(0, str(folder.resolve()))
     from v2ecore.emulator import EventEmulator
 
@@ -160,8 +178,8 @@ def v2e(folder: Path) -> Emulate:
     return emulate
 
 
-def measured(name: str, emulate: Emulate, frames: list[VideoFrame], real: Events) -> Row:
-    """An emulator's row; its time is the best of three, because the first may compile."""
+def measure(name: str, emulate: Emulate, frames: list[VideoFrame], real: Events) -> Row:
+    """Return the row of an emulator; its time is the shortest of three, because the first call may compile."""
     times = []
     for _ in range(3):
         started = time.perf_counter()
@@ -174,12 +192,13 @@ def measured(name: str, emulate: Emulate, frames: list[VideoFrame], real: Events
     off, on = ours / np.maximum(theirs, 1)
     return Row(
         name, inverse, chamfer, emd, 1 - compared.repeatability_back.value, compared.chamfer_back.value, 0.0, off, on,
-        correlation(found, real), intervals_apart(found, real), first_apart(found, real, frames), min(times) / seconds,
+        correlation(found, real), interval_difference(found, real), first_event_difference(found, real, frames),
+        min(times) / seconds,
     )  # fmt: skip
 
 
-def intervals_apart(ours: Events, real: Events) -> float:
-    """Mean difference of the deciles of log10 of the intervals within pixels."""
+def interval_difference(ours: Events, real: Events) -> float:
+    """Return the mean difference of the deciles of log10 of the intervals within pixels."""
     deciles = []
     for events in (ours, real):
         gaps = event_intervals(events)
@@ -187,16 +206,16 @@ def intervals_apart(ours: Events, real: Events) -> float:
     return float(np.abs(deciles[0] - deciles[1]).mean())
 
 
-def first_apart(ours: Events, real: Events, frames: list[VideoFrame]) -> float:
-    """Median ms between the first events of a pixel and polarity after a frame, where both sides have one."""
+def first_event_difference(ours: Events, real: Events, frames: list[VideoFrame]) -> float:
+    """Return the median ms between the first events of a pixel and polarity after a frame, where both have one."""
     edges = [frame.time for frame in frames]
-    keys, times = zip(*(firsts(events, edges) for events in (ours, real)), strict=True)
+    keys, times = zip(*(first_events(events, edges) for events in (ours, real)), strict=True)
     _, i, j = np.intersect1d(*keys, return_indices=True)
     return float(np.median(np.abs(times[0][i] - times[1][j]))) / 1e3 if i.size else float("nan")
 
 
-def firsts(events: Events, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """A number per pixel, polarity and frame that have events, and the time of the first."""
+def first_events(events: Events, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return a key of each pixel, polarity and frame with events, and the time of its first event."""
     key = (np.searchsorted(edges, events.t, side="right") * 2 + events.p) * np.prod(events.sensor_size) + pixel_index(
         events
     )
@@ -205,7 +224,7 @@ def firsts(events: Events, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def table(rows: list[Row]) -> str:
-    """The rows in words."""
+    """Return the rows as a table."""
     head = ("", "Inv. e-rep", "Chamfer", "EMD", "back: inv.", "Chamfer", "Score", "OFF", "ON", "r", "intervals")
     lines: list[tuple[str, ...]] = [(*head, "first ms", "s/s")]
     lines += [(row.emulator, *_figures(row)) for row in rows]
@@ -217,4 +236,4 @@ def _figures(row: Row) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    run(main, "the same command continues")
+    run(main, "run the command again to continue")
