@@ -116,7 +116,13 @@ def test_the_fitted_pixel_is_the_closest_to_a_hidden_one(pair, tmp_path):
 def test_pairs_of_too_few_frames_are_refused(pair, tmp_path):
     with np.load(pair) as data:
         np.savez(tmp_path / "few.npz", **{name: data[name][:3] if "frame" in name else data[name] for name in data})
-    command = [sys.executable, str(RECIPES / "emulation_accuracy.py"), str(tmp_path / "few.npz"), "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        str(RECIPES / "emulation_accuracy.py"),
+        str(tmp_path / "few.npz"),
+        "--out",
+        str(tmp_path),
+    ]
     result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert result.returncode == 1
     assert "few.npz: 3 frames, at least 4 are needed to fit and to test" in result.stderr
