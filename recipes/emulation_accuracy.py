@@ -140,7 +140,7 @@ def compare_emulators(path: Path, args: argparse.Namespace) -> list[Row]:
 def describe(found: Fit, emulated: Events, real: Events) -> str:
     """Describe a fit and its numbers of events on the other half."""
     values = {name: getattr(found.settings, name) for name in ("on", "off", "dark")} | {"delay": found.delay}
-    parts = [f"{name} {values[name]:.3g} ({low:.3g} to {high:.3g})" for name, (low, high) in found.intervals.items()]
+    parts = ["{} {:.4g} ({:.4g} to {:.4g})".format(name, values[name], *ends) for name, ends in found.intervals.items()]
     parts += [f"no {name}: {reason}" for name, reason in found.unidentified.items()]
     off, on = polarity_counts(emulated) / np.maximum(polarity_counts(real), 1)
     return ", ".join((*parts, f"{off:.3f} times the sensor's OFF events and {on:.3f} times its ON events elsewhere"))
@@ -262,23 +262,37 @@ def measure(found: Events, real: Events) -> dict[str, Any]:
 
 
 def bootstrap(parts: list[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Return samples of the figures of all parts; the first is of each part once, the others are random."""
+    """Return samples of the figures of all parts; the first is of each part once, the others are random.
+
+    Distances are means over the events that they are from, the last two figures over those of the sensor.
+    """
     number = len(parts)
     drawn = np.random.default_rng(0).integers(0, number, (SAMPLES, number))
     which = np.vstack((np.arange(number), drawn))
 
-    def means(name: str) -> np.ndarray:
-        values = np.array([one[name] for one in parts])[which]
-        known = ~np.isnan(values)
-        return np.where(known, values, 0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    each = np.stack([one["counts"] for one in parts])
 
-    counts = np.stack([one["counts"] for one in parts])[which].sum(axis=1)
+    def mean(name: str, side: int) -> np.ndarray:
+        values = np.array([one[name] for one in parts])
+        # of events, so that parts with few of them count little
+        weights = np.where(np.isnan(values), 0, each[:, side].sum(axis=1))
+        return (np.nan_to_num(values) * weights)[which].sum(axis=1) / np.maximum(weights[which].sum(axis=1), 1)
+
+    counts = each[which].sum(axis=1)
     off, on = (np.maximum(counts[:, 0, p], 0.5) / np.maximum(counts[:, 1, p], 0.5) for p in (0, 1))
     n, x, y, xx, yy, xy = np.stack([one["sums"] for one in parts])[which].sum(axis=1).T
     scale = np.sqrt(np.maximum((xx - x * x / n) * (yy - y * y / n), 1e-12))
-    figures = {name: means(name) for name in ("inverse", "chamfer", "inverse_back", "chamfer_back")}
-    figures |= {"off": off, "on": on, "correlation": (xy - x * y / n) / scale}
-    return figures | {name: means(name) for name in ("intervals", "first")}
+    return {
+        "inverse": mean("inverse", 0),
+        "chamfer": mean("chamfer", 0),
+        "inverse_back": mean("inverse_back", 1),
+        "chamfer_back": mean("chamfer_back", 1),
+        "off": off,
+        "on": on,
+        "correlation": (xy - x * y / n) / scale,
+        "intervals": mean("intervals", 1),
+        "first": mean("first", 1),
+    }
 
 
 def interval_difference(ours: Events, real: Events) -> float:
