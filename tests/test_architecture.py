@@ -137,3 +137,15 @@ def test_dataclasses_are_frozen_unless_they_live_by_change():
                 made = [ast.unparse(one) for one in node.decorator_list if "dataclass" in ast.unparse(one)]
                 found |= {node.name for one in made if "frozen=True" not in one}
     assert found == CHANGING
+
+
+def test_a_class_name_has_one_meaning():
+    """Classes have unique names, and no type variable has the name of a class."""
+    classes, variables = [], set()
+    for path in MODULES.values():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                classes.append(node.name)
+            if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("TypeVar("):
+                variables |= {ast.unparse(target) for target in node.targets}
+    assert sorted({name for name in classes if classes.count(name) > 1} | variables.intersection(classes)) == []

@@ -70,8 +70,8 @@ class FolderReport:
 class FolderRun:
     """Run over a folder of videos, for a `with` block.
 
-    `waiting` has the videos that the manifest doesn't list as done, and `report` counts. If the block raises, a line on
-    stderr states how many videos are done.
+    `kept` has those of the `videos` that the manifest lists as done, `waiting` the others, and `report` counts. If the
+    block raises, a line on stderr states how many videos are done.
 
     Args:
         manifest: Gets a line for each video.
@@ -92,16 +92,17 @@ class FolderRun:
         resume: str = "the same command resumes",
         check: bool = False,
     ) -> None:
-        self._manifest, self._done, self._resume, self._total = manifest, done, resume, len(videos)
-        kept = [
+        self.manifest, self.videos = manifest, list(videos)
+        self._done, self._resume = done, resume
+        self.kept = [
             video
             for video in bar(videos, "checking", shown=check, leave=False)
             if manifest.has(video, done, check=check)
         ]
-        there = set(kept)
+        there = set(self.kept)
         self.waiting = [video for video in videos if video not in there]
-        events = sum(manifest.videos[video.name].get("events", 0) for video in kept)
-        self.report = FolderReport(kept=len(kept), kept_events=events)
+        events = sum(manifest.videos[video.name].get("events", 0) for video in self.kept)
+        self.report = FolderReport(kept=len(self.kept), kept_events=events)
         self.bar = bar(None, what, total=len(self.waiting), unit="video")
         self._started, self._count = time.monotonic(), 0
         self._targets = {video.target for video in videos}
@@ -110,8 +111,8 @@ class FolderRun:
     def add(self, line: dict[str, Any]) -> str:
         """Add the line of a video that is done or failed; return its recording's name relative to the folder."""
         line = {"video": line["video"], "file": self._files[line["video"]]} | line
-        self._manifest.add(line)
-        old = self._manifest.replaced.pop(line["video"], None)
+        self.manifest.add(line)
+        old = self.manifest.replaced.pop(line["video"], None)
         if line["status"] in self._done and old is not None and old not in self._targets:
             # it had another name or format
             old.unlink(missing_ok=True)
@@ -145,7 +146,7 @@ class FolderRun:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.bar.close()
         if kind is not None:
-            say(f"{self.report.done + self.report.kept:,} of {self._total:,} videos are done: {self._resume}")
+            say(f"{self.report.done + self.report.kept:,} of {len(self.videos):,} videos are done: {self._resume}")
 
 
 @contextmanager

@@ -15,10 +15,10 @@ from threading import Event, Thread
 from typing import Any, TypeVar
 
 from nvsdata.common.prefetch import stay_in_one_thread
-from nvsdata.common.processes import pool
+from nvsdata.common.processes import process_pool
 from nvsdata.common.progress import say_above_bar
 
-Item = TypeVar("Item")
+Task = TypeVar("Task")
 Result = TypeVar("Result")
 AHEAD = 8  # items per process whose results may wait, if order matters
 RETRIES = 3  # repetitions of an item whose worker was lost
@@ -27,7 +27,7 @@ PATIENCE_S = 300.0  # s to wait for a worker
 
 
 def as_done(
-    work: Callable[[Item], Result], items: Sequence[Item], processes: int = 1, scheduler: str | None = None
+    work: Callable[[Task], Result], items: Sequence[Task], processes: int = 1, scheduler: str | None = None
 ) -> Generator[Result]:
     """Yield the results of `work` as they are done.
 
@@ -53,7 +53,7 @@ def as_done(
                 yield future.result()
 
 
-def in_order(work: Callable[[Item], Result], items: Sequence[Item], processes: int = 1) -> Generator[Result]:
+def in_order(work: Callable[[Task], Result], items: Sequence[Task], processes: int = 1) -> Generator[Result]:
     """Yield the results of `work` in the order of the items; processes work a little ahead.
 
     Raises:
@@ -81,7 +81,7 @@ def _module_of(work: Callable[..., Any]) -> str:
 def _workers(count: int, module: str) -> Iterator[Any]:
     """Start processes that have imported a module; if the block raises, their work is stopped."""
     others = set(active_children())  # children of the program that calls
-    with pool(count, module, _prepare) as workers:
+    with process_pool(count, module, _prepare) as workers:
         try:
             yield workers
         except BrokenProcessPool:
@@ -102,7 +102,7 @@ def _prepare() -> None:
     stay_in_one_thread()
 
 
-def _by_cluster(work: Callable[[Item], Result], items: Sequence[Item], scheduler: str) -> Iterator[Result]:
+def _by_cluster(work: Callable[[Task], Result], items: Sequence[Task], scheduler: str) -> Iterator[Result]:
     """Yield the results of a Dask cluster's workers as they are done."""
     try:
         from distributed import Client, KilledWorker

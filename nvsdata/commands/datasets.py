@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
         return _check(as_json=args.json)
     if not args.root.is_dir():
         raise FileNotFoundError(f"{args.root}: no such folder")
-    facts = facts_of(args.root)
+    facts = dataset_facts(args.root)
     tell(table(facts), {"datasets": facts}, as_json=args.json)
     return 0
 
@@ -51,7 +51,7 @@ def _check(*, as_json: bool) -> int:
     return 1 if any(one.fault for one in found) else 0
 
 
-def facts_of(root: Path) -> list[dict[str, Any]]:
+def dataset_facts(root: Path) -> list[dict[str, Any]]:
     """Return the facts of every dataset by name; "here" is its place in the folder `root`, or None."""
     # from a file, because importing the datasets imports torch, which takes a second
     more = "nvsdata.datasets" in sys.modules or entry_points(group="nvsdata.datasets")

@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     code = 0
     for file in args.files:
         try:
-            facts = facts_of(file)
+            facts = recording_facts(file)
         except (OSError, ValueError) as error:
             print(message_of(error), file=sys.stderr)
             code = 1
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def facts_of(file: Path) -> dict[str, Any]:
+def recording_facts(file: Path) -> dict[str, Any]:
     """Return the facts of a recording by name: format, sensor size, number of events, times, fraction of ON, anomalies.
 
     Times are in µs.

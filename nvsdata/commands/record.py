@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
 
@@ -119,6 +120,7 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata.recording import session
     from nvsdata.recording.simulated.options import Simulation
     from nvsdata.rig import session as rig
+    from nvsdata.rig.batch import BatchOptions
 
     mode = mode_of(args)
     _check(args, mode)
@@ -133,6 +135,7 @@ def run(args: argparse.Namespace) -> int:
         given = {"region": args.region and tuple(args.region), "frames": args.frames or None}
         settings = session.settings_of(args.settings, args.bias, **given)
         simulate = None if args.simulate is None else Simulation.of(args.simulate)
+        chosen = session.CameraChoice(settings, args.device, simulate, args.note)
     if mode == ONE:
         decider = None
         if args.model is not None:
@@ -140,21 +143,17 @@ def run(args: argparse.Namespace) -> int:
             from nvsdata import models
 
             decider = models.OnlineClassifier(models.load(args.model))
-        how = {"live": args.live, "overwrite": args.overwrite, "decider": decider, "note": args.note}
-        how |= {"as_json": args.json}
-        return session.run(args.out, args.seconds, args.device, settings, simulate, **how)
+        how = {"live": args.live, "overwrite": args.overwrite, "decider": decider, "as_json": args.json}
+        return session.run_recording(args.out, args.seconds, chosen, **how)
     region = args.screen_region and tuple(args.screen_region)
     screen = {"display": args.display, "region": region, "scaling": args.scaling}
     if mode == "calibrate":
-        out, overwrite = args.out or Path("calibration"), args.overwrite
-        return rig.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
+        out = args.out or Path("calibration")
+        return rig.run_calibration(out, args.seconds, chosen, screen, overwrite=args.overwrite)
     if args.verify:
         return rig.run_verification(args.monitor, args.out, args.limit, as_json=args.json)
-    chosen = {"format": args.format, "limit": args.limit, "resume": args.resume}
-    chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
-    chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live, "as_json": args.json}
-    chosen |= {"until_full": args.until_full}
-    return rig.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
+    options = BatchOptions(**{field.name: getattr(args, field.name) for field in fields(BatchOptions)})
+    return rig.run_batch(args.monitor, args.out, chosen, screen, options, as_json=args.json)
 
 
 def _check(args: argparse.Namespace, mode: str) -> None:

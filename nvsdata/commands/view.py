@@ -66,12 +66,12 @@ def run(args: argparse.Namespace) -> int:
     if not len(events) and (fault := outside(recording, start, stop)):
         raise ValueError(fault if args.relative else f"{fault}; --relative counts from the first")
     with creating(out, overwrite=args.overwrite):
-        save(out, args.file.name, recording, events, film, args.duration)
+        save_view(out, args.file.name, recording, events, film, args.duration)
     print(f"{len(events):,} events in {shown(out)}")
     return 0
 
 
-def save(out: Path, name: str, recording: Any, events: Any, film: Any, window: int | None) -> None:
+def save_view(out: Path, name: str, recording: Any, events: Any, film: Any, window: int | None) -> None:
     """Write a page, an image or a film, according to the extension.
 
     Args:

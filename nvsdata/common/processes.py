@@ -25,7 +25,7 @@ def cores() -> int:
     return count
 
 
-def pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
+def process_pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
     """Return a pool of processes that end when this process does, even if it is killed.
 
     Forking a process that has threads (such as torch's) may hang. So the processes are forked from a server process

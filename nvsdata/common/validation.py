@@ -28,7 +28,7 @@ def factors(low: float, high: float) -> None:
 def probability(name: str, value: float) -> None:
     """Raise ValueError unless 0 <= `value` <= 1."""
     if not 0 <= value <= 1:
-        raise ValueError(f"{name} must lie between 0 and 1, not {value}")
+        raise ValueError(f"{name} must be between 0 and 1, not {value}")
 
 
 def at_least(name: str, value: float, least: float) -> None:

@@ -153,7 +153,7 @@ class Events:
         return cls.trusted(Columns.empty(0), sensor_size, start, end)
 
     def of(self, columns: Columns) -> Events:
-        """Return events of other sorted columns, with the same sensor size and time range."""
+        """Return events with the given sorted columns, and the sensor size and time range of these events."""
         return Events.trusted(columns, self.sensor_size, self.start, self.stated_end)
 
     def resized(self, columns: Columns, sensor_size: tuple[int, int]) -> Events:
@@ -344,7 +344,7 @@ def _as_column(values: np.ndarray, kind: type[np.generic]) -> np.ndarray:
 def _check_time(t: np.ndarray, start: int | None, end: int | None) -> None:
     for name, bound in (("start", start), ("end", end)):
         if bound is not None and not -LATEST < bound < LATEST:
-            raise ValueError(f"{name} must lie between -2^62 and 2^62 µs, not {bound}")
+            raise ValueError(f"{name} must be between -2^62 and 2^62 µs, not {bound}")
     if start is not None and end is not None and end < start:
         raise ValueError(f"events end at {end} µs, before they start at {start} µs")
     if t.size and ((start is not None and start > t[0]) or (end is not None and end < t[-1])):
@@ -364,10 +364,10 @@ def _check_columns(given: dict[str, np.ndarray]) -> None:
         if given[name].min() < 0 or given[name].max() > MAX_COORDINATE:
             hint = ORDER if given[name].max() > MAX_COORDINATE else ""
             raise ValueError(
-                f"{name} must lie between 0 and {MAX_COORDINATE}, not {given[name].min()} to {given[name].max()}{hint}"
+                f"{name} must be between 0 and {MAX_COORDINATE}, not {given[name].min()} to {given[name].max()}{hint}"
             )
     t = given["t"]
     if not -LATEST < int(t.min()) <= int(t.max()) < LATEST:
-        raise ValueError(f"times must lie between -2^62 and 2^62 µs, not {t.min()} to {t.max()}")
+        raise ValueError(f"times must be between -2^62 and 2^62 µs, not {t.min()} to {t.max()}")
     if not np.isin(given["p"], (0, 1)).all():
         raise ValueError(f"polarity must be 0 (OFF) or 1 (ON), not {np.unique(given['p'])[:4].tolist()}")

@@ -90,7 +90,7 @@ def cut_pieces(recording: Recording, start: int, stop: int, every: int = 1_000_0
 
 
 def about_from(about: Mapping[str, Any], time: int) -> dict[str, Any]:
-    """Return `Recording.about` for a recording whose time 0 is `time` µs later."""
+    """Shift the times in the metadata `Recording.about`, for a part that begins at `time` µs and counts from there."""
     moved = dict(about)
     if "frame_times" in moved:
         moved["frame_times"] = moved["frame_times"] - time

@@ -101,7 +101,7 @@ class Samples(Dataset[tuple[Any, Any]]):
             ValueError: unless 0 < fraction < 1.
         """
         if not 0 < fraction < 1:
-            raise ValueError(f"fraction must lie between 0 and 1, not {fraction}")
+            raise ValueError(f"fraction must be between 0 and 1, not {fraction}")
         groups: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):
             files = " ".join(name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in self._files(sample))
@@ -223,7 +223,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         return label if self.target_transform is None else self.target_transform(label)
 
     def note_repairs(self, index: int, recordings: Sequence[Recording]) -> bool:
-        """Return whether the recordings, after reading, report repairs; then count the sample as damaged."""
+        """Count the sample as damaged if its recordings were repaired during reading; return whether they were."""
         repaired = any(recording.repairs for recording in recordings)
         if self._damage is not None and repaired:
             self._damage.mark(index, REPAIRED, f"{self._files(self.samples[index])[0]}: {_repairs(recordings)}")

@@ -65,7 +65,7 @@ class Source(Protocol):
         """Return whether the stamp of a recording certainly belongs to what was read at time `at` (ns since 1970)."""
 
 
-def save_index(path: Path, content: dict[str, Any]) -> None:
+def save_facts(path: Path, content: dict[str, Any]) -> None:
     """Write facts about a dataset's folder to a JSON file with a checksum; OSError if it can't be written."""
     text = json.dumps(content)
     sweep(path.parent, path.name)
@@ -73,8 +73,8 @@ def save_index(path: Path, content: dict[str, Any]) -> None:
         temporary.write_text(json.dumps([VERSION, crc32(text.encode())]) + "\n" + text)
 
 
-def load_index(path: Path) -> dict[str, Any]:
-    """Return the facts of `save_index`; empty if the file is missing, of another version, or was changed."""
+def load_facts(path: Path) -> dict[str, Any]:
+    """Return the facts of `save_facts`; empty if the file is missing, of another version, or was changed."""
     try:
         head, _, text = read_own(path, MOST_BYTES).partition(b"\n")
         content = json.loads(text) if json.loads(head) == [VERSION, crc32(text)] else {}
@@ -131,7 +131,7 @@ class Folder:
     def _from_index(self) -> Listing | None:
         """Return the listing of the index; None if there is none, a folder has changed, or it is of another folder."""
         try:
-            index = load_index(self.root / INDEX)
+            index = load_facts(self.root / INDEX)
             times, files = index["times"], index["files"]
             if not (times.keys() == files.keys() and "." in files and all(map(_is_listed, files, files.values()))):
                 return None
@@ -158,7 +158,7 @@ class Folder:
 
     def _write_index(self, made: int, times: dict[str, int], files: Listing) -> None:
         try:
-            save_index(self.root / INDEX, {"made": made, "times": times, "files": files})
+            save_facts(self.root / INDEX, {"made": made, "times": times, "files": files})
             # writing the index changed the time of the root
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:

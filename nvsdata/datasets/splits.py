@@ -33,7 +33,7 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
         (8, 2)
     """
     if not 0 < test < 1:
-        raise ValueError(f"test must lie between 0 and 1, not {test}")
+        raise ValueError(f"test must be between 0 and 1, not {test}")
     classes: dict[str, list[int]] = {}
     for index, (group, _) in enumerate(recordings):
         classes.setdefault(group, []).append(index)

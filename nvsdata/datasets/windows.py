@@ -16,7 +16,7 @@ from nvsdata.common.validation import microseconds, whole
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Sample
-from nvsdata.datasets.source import load_index, save_index
+from nvsdata.datasets.source import load_facts, save_facts
 
 Data = TypeVar("Data", bound=EventDataset)
 
@@ -117,7 +117,7 @@ class _Index:
         self.known: dict[str, Any] = self._read()
 
     def places(self, sample: Sample) -> Places:
-        """Return the places of a sample."""
+        """Return the places at which the windows of a sample begin, and the end of the last window."""
         key = sample.name + sample.part
         stamp = list(self.dataset.source.stamp(sample.name))
         entry = self.known.get(key)
@@ -140,7 +140,7 @@ class _Index:
 
     def _read(self) -> dict[str, Any]:
         """Return the stored entries; none if they are damaged, or wrong for some of the recordings."""
-        known = load_index(self.path)
+        known = load_facts(self.path)
         if not all(map(_is_place, known.values())):
             return {}
         there = [sample for sample in self.dataset.samples if sample.name + sample.part in known]
@@ -158,7 +158,7 @@ class _Index:
             return
         # in a folder that can't be written to, recordings are searched each time
         with suppress(OSError):
-            save_index(self.path, self.known)
+            save_facts(self.path, self.known)
 
 
 def _is_place(entry: Any) -> bool:

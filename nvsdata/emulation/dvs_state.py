@@ -19,7 +19,7 @@ THOUSAND = 1000  # dark is rounded to thousandths of a gray level, as luminance 
 
 
 class DVSState(EmulatorState):
-    """State of an emulation by `DVS`, of which `settings` are; see `Run` for the rest."""
+    """State of an emulation by `DVS`; `EmulatorState` describes the parameters."""
 
     def __init__(self, settings: DVSSettings, first: VideoFrame) -> None:
         super().__init__(settings, first)

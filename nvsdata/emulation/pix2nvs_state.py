@@ -32,7 +32,7 @@ BAND = 4 * TILE[0]  # rows that are processed at a time where no pixel depends o
 
 
 class PIX2NVSState(EmulatorState):
-    """State of an emulation by PIX2NVS, of which `settings` are; see `Run` for the rest.
+    """State of an emulation by `PIX2NVS`; `EmulatorState` describes the parameters.
 
     ValueError if the frame is smaller than `inhibition`, or larger than events can address.
     """

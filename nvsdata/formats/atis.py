@@ -138,7 +138,10 @@ class AtisRecording(IndexedFile):
 
 
 def looks_like(head: bytes, size: int) -> bool:
-    """Return whether a file of `size` bytes that begins with `head` could be ATIS: entire records, rising times."""
+    """Return whether a file of `size` bytes that begins with `head` could be ATIS.
+
+    Its size must be a multiple of a record, and the times at its beginning must rise.
+    """
     raw = np.frombuffer(head[: 5 * 256], np.uint8)
     if size % 5 or raw.size < 5 * 16:
         return False

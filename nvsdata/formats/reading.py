@@ -1,4 +1,4 @@
-"""`nvsdata.open` and `nvsdata.read`."""
+"""Opening and reading of recordings in any format: `nvsdata.open` and `nvsdata.read`."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from nvsdata.kernels.decode.order import is_sorted
 FAULTS = {
     kernel.BAD_NUMBER: "not a number",
     kernel.BAD_COUNT: "a line must have four numbers",
-    kernel.OUT_OF_RANGE: "coordinates must lie between 0 and 32766 and polarity between -1 and 1",
+    kernel.OUT_OF_RANGE: "coordinates must be between 0 and 32766 and polarity between -1 and 1",
     kernel.TOO_LATE: "a time at or beyond 2^62 µs",
 }
 OWN = re.compile(rb"# nvsdata events: x y t p, sorted, sensor (\d+)x(\d+)\n([^\n]* us\n)?")

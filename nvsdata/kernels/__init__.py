@@ -1,4 +1,4 @@
-"""Compiled loops by subject, C++ with its Python face: arrays in, arrays out; no files, no torch.
+"""Compiled loops by subject, in C++ with Python wrappers: arrays in, arrays out; no files, no torch.
 
 `native/` has what they share, and `_native` is the extension module that they become.
 """

@@ -16,7 +16,7 @@ import numpy as np
 from nvsdata.common.validation import not_negative, whole
 from nvsdata.data.events import Events, check_inside
 from nvsdata.data.frame_edges import frame_bounds
-from nvsdata.kernels.metrics.distances import cancel, least_work, nearest, sum_polarity
+from nvsdata.kernels.metrics.distances import cancel, least_work, nearest_spikes, sum_polarity
 from nvsdata.kernels.metrics.distances import spikes as gather
 
 
@@ -64,7 +64,7 @@ def chamfer_measure(weight: float) -> Measure:
     not_negative("weight", weight)
 
     def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> tuple[float, float]:
-        return float(np.sqrt(nearest(*a, *b, size[::-1], weight * weight, np.inf)).mean()), 0.0
+        return float(np.sqrt(nearest_spikes(*a, *b, size[::-1], weight * weight, np.inf)).mean()), 0.0
 
     return measure
 
@@ -78,7 +78,7 @@ def repeatability_measure(epsilon: float) -> Measure:
         furthest = float(sum(size))
         squared = _largest_square(min(epsilon, furthest))
         signs = np.sign(a.total), np.sign(b.total)
-        costs = nearest(a.x, a.y, signs[0], b.x, b.y, signs[1], size[::-1], furthest**2, squared)
+        costs = nearest_spikes(a.x, a.y, signs[0], b.x, b.y, signs[1], size[::-1], furthest**2, squared)
         return float(np.mean(costs <= squared)), 0.0
 
     return measure

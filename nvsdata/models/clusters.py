@@ -147,7 +147,7 @@ def _structure(
     cluster: list[int],
     grid: list[int],
 ) -> Tensors:
-    """`structure`, as an operator."""
+    """Custom operator of torch for `structure`."""
     # features have no part in it
     given = GraphBatch(x=pos, pos=pos, t=t, edge_index=edge_index, edge_attr=edge_attr, batch=batch, ptr=ptr)
     found = structure(given, (cluster[0], cluster[1]), (grid[0], grid[1]))
@@ -184,7 +184,7 @@ def _(
 
 @custom_op("nvsdata::pooled_rows", mutates_args=())
 def _rows(x: torch.Tensor, cluster: torch.Tensor, count: int, mode: str) -> torch.Tensor:
-    """`pooled_rows`, as an operator."""
+    """Custom operator of torch for `pooled_rows`."""
     return pooled_rows(x, cluster, count, mode)
 
 

@@ -1,4 +1,4 @@
-"""Floating-point operations that a network really does, operation by operation as torch carries them out."""
+"""Counts the floating-point operations that torch executes for a network."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ aten = torch.ops.aten
 
 
 class Counting(TorchDispatchMode):  # type: ignore[no-untyped-call]
-    """Counts what torch does within it, by whoever is named in `where` at the time.
+    """Counter of the floating-point operations that torch executes in a `with` block, by layer.
 
-    - `where`: a stack of names; the last one does what is done, unless it is None: then nothing is counted
-    - `flops`: by name
-    - `unknown`: operations without a rule, and how often each was met, by name
-    - `seen`: the number of operations that made new values, by name
+    Attributes:
+        where: Stack of names of layers. Operations count for the last one; if that is None, they aren't counted.
+        flops: Number of operations of each layer.
+        unknown: Number of calls of each function without a rule, by layer and function.
+        seen: Number of calls that made new values, by layer.
 
     A multiply-add counts as two operations. Any other sum, product or quotient of two numbers, and any value of a
     function (a square root, an exponential), counts as one. Copies, choices and comparisons (a maximum, ReLU) count as
@@ -38,7 +39,7 @@ class Counting(TorchDispatchMode):  # type: ignore[no-untyped-call]
         kwargs = kwargs or {}
         rule = _rule(func)
         if rule is None:
-            # in inference mode, operations that are made of others arrive whole
+            # in inference mode, composite operations arrive as one
             with self:
                 parts = func.decompose(*args, **kwargs)
             if parts is not NotImplemented:
@@ -78,18 +79,18 @@ def _real(out: Any) -> bool:
 
 
 def _each(out: Any, /, *_: Any, **__: Any) -> int:
-    """One for each value of a result, or of several."""
+    """Count one operation per value of a result, or of several results."""
     parts = out if isinstance(out, list | tuple) else (out,)
     return sum(part.numel() for part in parts if _real(part))
 
 
 def _twice(out: torch.Tensor, /, *_: Any, **__: Any) -> int:
-    """Two for each value."""
+    """Count two operations per value of the result."""
     return 2 * _each(out)
 
 
 def _added(out: torch.Tensor, x: torch.Tensor, /, *_: Any, **__: Any) -> int:
-    """One for each value that is summed up."""
+    """Count one addition per value of a sum."""
     return x.numel() if _real(out) else 0
 
 
@@ -98,12 +99,12 @@ def _mean(out: torch.Tensor, x: torch.Tensor, /, *_: Any, **__: Any) -> int:
 
 
 def _rows(out: torch.Tensor, x: torch.Tensor, axis: int, index: Any, source: Any, /, *_: Any, **__: Any) -> int:
-    """One for each value that is added to another (index_add, scatter_add)."""
+    """Count one addition per value of `source` (index_add, scatter_add)."""
     return source.numel() if isinstance(source, torch.Tensor) and _real(out) else 0
 
 
 def _product(out: torch.Tensor, a: torch.Tensor, b: torch.Tensor, /, *_: Any, **__: Any) -> int:
-    """The last axis of `a` [..., K] with the first of `b` [K]: mv and dot."""
+    """Count a multiplication and an addition per value of a matrix or vector `a` (mv, dot)."""
     return 2 * a.numel()
 
 
@@ -112,12 +113,12 @@ def _added_product(out: torch.Tensor, start: Any, a: torch.Tensor, b: torch.Tens
 
 
 def _normalized(out: Any, x: torch.Tensor, w: Any, b: Any, mean: Any, var: Any, own: bool, /, *_: Any) -> int:
-    """Scale and shift, to which batch normalization comes down; before it, if it takes its `own`, mean and variance."""
+    """Count batch normalization: scale and shift, and mean and variance if it uses its `own` statistics."""
     return (6 if own else 2) * x.numel()
 
 
 def _distances(out: torch.Tensor, a: torch.Tensor, b: torch.Tensor, /, *_: Any, **__: Any) -> int:
-    """Differences, squares and their sum, and a root for each pair of rows."""
+    """Count differences, squares, their sum and a root for each pair of rows."""
     return out.numel() * (3 * a.shape[-1] + 1)
 
 
@@ -128,7 +129,7 @@ def _averaged(out: torch.Tensor, x: torch.Tensor, kernel: Any, /, *_: Any, **__:
 
 
 def _adaptive(out: torch.Tensor, x: torch.Tensor, size: Any, /, *_: Any, **__: Any) -> int:
-    """Every window's values, and a quotient; windows of sizes that don't divide evenly overlap."""
+    """Count the additions in each pooling window, and a division; windows of uneven sizes overlap."""
     values = math.prod(x.shape[: x.ndim - len(size)])
     for side, count in zip(x.shape[x.ndim - len(size) :], size, strict=True):
         values *= sum(-(-(n + 1) * side // count) - n * side // count for n in range(count))

@@ -12,7 +12,7 @@ import torch
 from torch import distributed, nn
 
 
-def processes() -> int:
+def process_count() -> int:
     """Return the number of processes that train together; 1 without torch.distributed."""
     return distributed.get_world_size() if distributed.is_available() and distributed.is_initialized() else 1
 
@@ -34,7 +34,7 @@ class _Total(torch.autograd.Function):
 
 def all_reduce_sum(x: torch.Tensor) -> torch.Tensor:
     """Return the sum of `x` over all processes; differentiable."""
-    return _Total.apply(x) if processes() > 1 else x  # type: ignore[no-untyped-call]
+    return _Total.apply(x) if process_count() > 1 else x  # type: ignore[no-untyped-call]
 
 
 class Dropout(nn.Module):
@@ -52,8 +52,8 @@ class Dropout(nn.Module):
         if not self.training or self.p == 0:
             return x
         count, before = x.shape[0], 0
-        if processes() > 1:
-            counts = x.new_zeros(processes())
+        if process_count() > 1:
+            counts = x.new_zeros(process_count())
             counts[distributed.get_rank()] = count
             shares = [int(c) for c in all_reduce_sum(counts)]
             count, before = sum(shares), sum(shares[: distributed.get_rank()])

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from nvsdata.models.distributed import all_reduce_sum, processes
+from nvsdata.models.distributed import all_reduce_sum, process_count
 
 
 class BatchNorm(nn.modules.batchnorm._BatchNorm):
@@ -42,7 +42,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         if torch.compiler.is_compiling():
             # how many nodes there are isn't known then
             torch._check(here >= 2)  # type: ignore[no-untyped-call]
-        count = here if processes() == 1 else int(all_reduce_sum(torch.tensor(float(here), device=x.device)))
+        count = here if process_count() == 1 else int(all_reduce_sum(torch.tensor(float(here), device=x.device)))
         if count < 2:
             return self._by_running(x)
         self.num_batches_tracked += 1
@@ -50,7 +50,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         assert self.running_var is not None
         # not as Python's number: the host would wait for the device, at each layer of each step
         factor = self.num_batches_tracked.to(self.running_mean.dtype).reciprocal().clamp(min=self.momentum or 0.0)
-        if processes() > 1:
+        if process_count() > 1:
             return self._shared(x, count, factor)
         mean, variance = torch.zeros_like(self.running_mean), torch.zeros_like(self.running_var)
         out = functional.batch_norm(x, mean, variance, self.weight, self.bias, True, 1.0, self.eps)

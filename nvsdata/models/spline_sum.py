@@ -184,7 +184,7 @@ class _SparseSum(torch.autograd.Function):
 def summed(
     x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor, weight: torch.Tensor, kernel_size: int
 ) -> torch.Tensor:
-    """`spline_sum` onto zeros, as an operator."""
+    """Custom operator of torch: `spline_sum` added to zeros."""
     return spline_sum(x.new_zeros(x.shape[0], weight.shape[2]), x, edge_index, edge_attr, weight, kernel_size)
 
 

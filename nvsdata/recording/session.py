@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
@@ -31,17 +31,37 @@ if TYPE_CHECKING:
     from nvsdata.models import OnlineClassifier
 
 
-def run(
+@dataclass(frozen=True)
+class CameraChoice:
+    """The camera that a command records with.
+
+    Args:
+        settings: Its settings.
+        serial: Its serial number; None: the only camera that is connected.
+        simulate: Record a simulated camera in place of a real one.
+        note: Remark that is stored with each recording.
+    """
+
+    settings: CameraSettings
+    serial: str | None = None
+    simulate: Simulation | None = None
+    note: str | None = None
+
+    def find(self, backend: Any) -> Davis:
+        """Open the camera on a backend of `Simulation`, or on pyusb's for None."""
+        camera = Davis.find(self.serial, backend=backend)
+        camera.note = self.note
+        return camera
+
+
+def run_recording(
     out: Path | None,
     seconds: float | None,
-    serial: str | None,
-    settings: CameraSettings,
-    simulate: Simulation | None,
+    chosen: CameraChoice,
     *,
     live: bool,
     overwrite: bool,
     decider: OnlineClassifier | None = None,
-    note: str | None = None,
     as_json: bool = False,
 ) -> int:
     """Record a camera and print a summary; return 0 if nothing was lost and all decisions were made, else 1.
@@ -52,16 +72,13 @@ def run(
     Args:
         out: The file; may be None with `live`.
         seconds: How long to record; None: until Ctrl-C, SIGTERM or SIGHUP.
-        serial: The camera's serial number; None: the only one there.
-        settings: The camera's.
-        simulate: Record a simulated camera in place of a real one.
+        chosen: The camera.
         live: Show events in a window; closing it ends the recording.
         overwrite: Replace `out` if it is there.
-        note: Kept with the recording.
         as_json: Print the report as a line of JSON.
         decider: Of a network that follows the events; a line of JSON per decision is printed, and the report to stderr.
     """
-    backend = simulate and simulate.alone()
+    backend, settings = chosen.simulate and chosen.simulate.alone(), chosen.settings
     if decider is not None:
         if decider.stream.window is None:
             raise ValueError(
@@ -72,9 +89,9 @@ def run(
     with (
         _place(out, settings, overwrite),
         stopped_by_interrupt() as stop,
-        Davis.find(serial, backend=backend) as camera,
+        chosen.find(backend) as camera,
     ):
-        facts, camera.note = camera.facts, note
+        facts = camera.facts
         if decider is not None:
             _check_size((facts.width, facts.height), decider.sensor_size)
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"

@@ -4,55 +4,84 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-import cv2
+import numpy as np
 
-from nvsdata.batch.folder import Video, is_fatal
+from nvsdata.batch.estimate import Estimate, evenly_spaced
+from nvsdata.batch.folder import Video
 from nvsdata.batch.manifest import Manifest, file_facts
 from nvsdata.batch.run import FolderReport, FolderRun, catch_failure
 from nvsdata.common.errors import line_of
-from nvsdata.common.files import append_own, claimed, json_line, write_all
+from nvsdata.common.files import claimed
 from nvsdata.common.progress import say_above_bar
-from nvsdata.recording.camera import Camera, CameraError, host_time
-from nvsdata.recording.davis.registers import CameraSettings
-from nvsdata.recording.live_view import DisplayError
+from nvsdata.common.terminal import is_quiet
+from nvsdata.recording.camera import Camera, CameraError
+from nvsdata.recording.capture import RESERVE
+from nvsdata.rig.calibration import corners_in
+from nvsdata.rig.cameras import Cameras, Rig
+from nvsdata.rig.clock_fit import flashes
 from nvsdata.rig.contact_sheets import Sheets
 from nvsdata.rig.content import Inspector
-from nvsdata.rig.monitor import Monitor
-from nvsdata.rig.playback import BRIGHT, DIM, STEP
+from nvsdata.rig.playback import BRIGHT, DIM, FADE, SETTLE, STEP, STILL
 from nvsdata.rig.status import Status
 from nvsdata.rig.sync import TakeRejected
-from nvsdata.rig.take import record_screen, trim
+from nvsdata.rig.take import HIDDEN, VideoRecorder, ends_all
 from nvsdata.rig.watch import Watch, prune
+from nvsdata.video.decoder import length_of
 
 TAKES = 3  # takes of a video before it counts as failed
+LISTED = 50  # videos whose length is read; the others are assumed to be alike
+OVERHEAD = 2_000_000  # µs per take for starting, trimming and checking
+USUAL = 2_000_000  # bytes per second of video if there are no recordings yet: 250,000 events/s
 SHOWN_EVERY = 1.0  # s after which the progress bar is drawn again
-RETRY = 1_000_000  # µs between attempts to find a disconnected camera
-MISSED = 60_000_000  # µs without a camera after which the alarm runs
 KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
-PLAYED = "playback.jsonl"  # times at which the frames of each take were shown
-HIDDEN = ".takes"  # in the folder of recordings: takes that aren't trimmed yet, or that failed
+
+
+@dataclass(frozen=True)
+class BatchOptions:
+    """Options of a batch.
+
+    Args:
+        format: Format of the recordings.
+        limit: Record the first videos only (default: all).
+        resume: Continue a batch.
+        calibration: Folder of a calibration, which has the corners of the screen (default: as most recordings show it).
+        strict: Refuse flagged recordings; see `content.Inspector`.
+        accept_quiet: Accept recordings with hardly any events; see `content.Inspector`.
+        on_alarm: Command for alarms (default: none).
+        live: Show events in a window.
+        until_full: Begin although the disk seems too small.
+    """
+
+    format: str = "hdf5"
+    limit: int | None = None
+    resume: bool = False
+    calibration: Path | None = None
+    strict: bool = False
+    accept_quiet: bool = False
+    on_alarm: str | None = None
+    live: bool = False
+    until_full: bool = False
 
 
 @contextmanager
-def manifest_of(
-    out: Path, settings: CameraSettings, format: str, monitor: Monitor, videos: list[Video], *, resume: bool
-) -> Iterator[Manifest]:
+def manifest_of(out: Path, videos: list[Video], rig: Rig, options: BatchOptions) -> Iterator[Manifest]:
     """Yield the manifest of a folder of recordings, which is created if there is none, for a run with these `videos`.
 
-    FileExistsError for a folder with recordings, unless `resume` is true; ValueError for a folder whose
+    FileExistsError for a folder with recordings, unless `options.resume` is true; ValueError for a folder whose
     recordings were made with other settings.
     """
     out.mkdir(parents=True, exist_ok=True)
-    made = {"settings": asdict(settings), "format": format, "scaling": monitor.scaling}
+    monitor = rig.monitor
+    made = {"settings": asdict(rig.settings), "format": options.format, "scaling": monitor.scaling}
     facts = {
         "monitor": {
             "size": monitor.size,
@@ -65,7 +94,7 @@ def manifest_of(
     }
     with claimed(out):
         manifest = Manifest(out, KIND, made, [video.name for video in videos], facts)
-        if manifest.videos and not resume:
+        if manifest.videos and not options.resume:
             raise FileExistsError(f"{out} contains recordings: --resume continues the batch")
         with manifest:
             try:
@@ -74,59 +103,47 @@ def manifest_of(
                 _clear(out)
 
 
-def record_videos(
-    videos: list[Video],
-    out: Path,
-    manifest: Manifest,
-    find: Callable[[], Camera],
-    monitor: Monitor,
-    settings: CameraSettings,
-    *,
-    corners: list[list[float]] | None = None,
-    strict: bool = False,
-    accept_quiet: bool = False,
-    on_alarm: str | None = None,
-    live: bool = False,
-) -> FolderReport:
+def record_videos(videos: list[Video], manifest: Manifest, rig: Rig, options: BatchOptions) -> FolderReport:
     """Play and record every video that isn't done; each gets its line of the manifest as soon as it is done.
 
     A video whose take fails its checks is recorded again after the others, at once if the camera was the reason. After
-    three failed takes the video has failed. The last 20 failed takes are kept in `out/.takes`, untrimmed. If the camera
-    is disconnected, the batch waits for it. If takes of several videos fail one after another, the camera is reopened,
-    then a video that was recorded before is tried. If that fails, too, the batch pauses and runs the alarm (see
-    `watch`). A video that can't be decoded fails, and the batch continues with the others. `out` gets contact sheets,
-    forty recordings per page, and `status.json`.
+    three failed takes the video has failed. The last 20 failed takes are kept in `.takes` of the manifest's folder,
+    untrimmed. If the camera is disconnected, the batch waits for it. If takes of several videos fail one after another,
+    the camera is reopened, then a video that was recorded before is tried. If that fails, too, the batch pauses and
+    runs the alarm (see `watch`). A video that can't be decoded fails, and the batch continues with the others. The
+    folder gets contact sheets, forty recordings per page, and `status.json`.
 
-    Raises CameraError if there is no camera at the start, OSError if nothing can be written, `BatchStopped` if nothing
-    could be recorded for hours.
-
-    Args:
-        videos: Videos to play.
-        out: The folder of recordings.
-        manifest: Manifest of `out`; see `manifest_of`.
-        find: Opens the camera; called again after the camera was disconnected.
-        monitor: Monitor that plays the videos.
-        settings: Settings of the camera.
-        corners: See `content.Inspector`.
-        strict: See `content.Inspector`.
-        accept_quiet: See `content.Inspector`.
-        on_alarm: A command for alarms (default: none).
-        live: Show events in a window (default False).
+    Raises CameraError if there is no camera at the start, OSError if nothing can be written or the disk is too small,
+    `BatchStopped` if nothing could be recorded for hours.
     """
-    takes: Counter[str] = Counter()
-    known = [line["content"] for line in manifest.videos.values() if line["status"] in DONE and "content" in line]
-    inspector = Inspector(monitor, corners, known, strict, accept_quiet)
+    left = "--resume continues with the others"
     with (
-        _Cameras(find, monitor, settings) as cameras,
-        Sheets(out, videos, manifest) as sheets,
-        FolderRun(manifest, videos, DONE, "recording", resume="--resume continues with the others") as run,
-        ended_status(status_before(out, videos, manifest)) as status,
+        FolderRun(manifest, manifest.as_before(videos), DONE, "recording", resume=left) as run,
+        ended_status(_status_of(run)) as status,
+    ):
+        _check_disk(run, rig, until_full=options.until_full)
+        _record(run, rig, options, status)
+    return run.report
+
+
+def _record(run: FolderRun, rig: Rig, options: BatchOptions, status: Status) -> None:
+    """Play and record the videos, see `record_videos`, and keep the status up to date."""
+    lines, out = run.manifest.videos, run.manifest.path.parent
+    takes: Counter[str] = Counter()
+    known = [line["content"] for line in lines.values() if line["status"] in DONE and "content" in line]
+    corners = None if options.calibration is None else corners_in(options.calibration)
+    inspector = Inspector(rig.monitor, corners, known, options.strict, options.accept_quiet)
+    with (
+        Cameras(rig) as cameras,
+        Sheets(out, run.videos, run.manifest) as sheets,
         _shown(run, status) as show,
     ):
-        how = (monitor, settings, inspector, live, show)
-        watch = Watch(
-            status, on_alarm, cameras.drop, monitor.wait, lambda: _probed(videos, out, manifest, cameras.get(), *how)
-        )
+        recorder = VideoRecorder(out, rig, inspector, options.live, show)
+
+        def probe() -> bool:
+            return recorder.probe(cameras.get(), run.videos, lines)
+
+        watch = Watch(status, options.on_alarm, cameras.drop, rig.monitor.wait, probe)
         cameras.watched_by(watch, status)
         waiting = deque(run.waiting)
         given_up: dict[str, Video] = {}  # since the last good take
@@ -140,9 +157,9 @@ def record_videos(
             try:
                 with catch_failure(video, line, (OSError,)):
                     line |= file_facts(video)
-                    line |= _recorded(video, out, camera, *how)
+                    line |= recorder.record(camera, video)
             except (TakeRejected, OSError) as reason:
-                if _ends_all(reason, video):
+                if ends_all(reason, video):
                     raise
                 prune(out / HIDDEN)
                 if isinstance(reason, CameraError):
@@ -172,14 +189,40 @@ def record_videos(
                 status.success(video.name, done=status.done + 1, **now)
             show("drawing contact sheets")
             sheets.add(video)
-    return run.report
 
 
-def status_before(out: Path, videos: list[Video], manifest: Manifest) -> Status:
+def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> Estimate:
+    """Return the time and disk that recording videos will need.
+
+    Args:
+        videos: Videos to record.
+        lines: Lines of the manifest, whose recordings give the bytes per second of video.
+        out: Folder of the recordings.
+        refresh: Time in µs from one image of the screen to the next.
+    """
+    known = [length for video in evenly_spaced(videos, LISTED) if (length := length_of(video.path)[1])]
+    each = float(np.mean(known)) if known else 0.0
+    pattern = 2 * STILL + (flashes().size + 1) * STEP * refresh
+    seconds = len(videos) * (each + (2 * pattern + SETTLE + 2 * FADE + OVERHEAD) / 1e6)
+    recorded = [(line["recording"], line["duration"] / 1e6) for line in lines if line.get("duration")]
+    rate = sum(size for size, _ in recorded) / sum(time for _, time in recorded) if recorded else USUAL
+    return Estimate.on_disk(out, len(videos), seconds, round(each * len(videos) * rate), reserve=RESERVE)
+
+
+def _check_disk(run: FolderRun, rig: Rig, *, until_full: bool) -> None:
+    """Print the time and disk that the videos need; OSError if the disk is too small, unless `until_full`."""
+    lines = list(run.manifest.videos.values())
+    expected = estimate_recording(run.waiting, lines, run.manifest.path.parent, rig.monitor.refresh)
+    if not is_quiet():
+        say_above_bar(str(expected))
+    if expected.short and not until_full:
+        raise OSError(f"{expected}: free some, choose another disk, or record until it is full by --until-full")
+
+
+def _status_of(run: FolderRun) -> Status:
     """Return the status of a batch at the begin of a run, with its earlier recordings."""
-    done = [video for video in videos if manifest.has(video, DONE)]
-    look = sum("look" in manifest.videos[video.name] for video in done)
-    return Status(out, len(videos), done=len(done), look=look)
+    look = sum("look" in run.manifest.videos[video.name] for video in run.kept)
+    return Status(run.manifest.path.parent, len(run.videos), done=len(run.kept), look=look)
 
 
 @contextmanager
@@ -225,124 +268,12 @@ def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
         thread.join(SHOWN_EVERY)
 
 
-def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, *how: Any) -> bool:
-    """Record the shortest video with an unflagged recording again; return True on success, False if there is none."""
-    lines = manifest.videos
-    fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
-    fine = [video for video in fine if "look" not in lines[video.name] and video.path.exists()]
-    if not fine:
-        return False
-    video = min(fine, key=lambda video: lines[video.name]["duration"])
-    target = out / HIDDEN / "probe" / video.target.name
-    try:
-        _recorded(video._replace(target=target), out, camera, *how)
-    except (TakeRejected, OSError, ValueError, cv2.error) as error:
-        # the video may be missing or damaged by now
-        if _ends_all(error, video):
-            raise
-        return False
-    finally:
-        target.unlink(missing_ok=True)
-    return True
-
-
-def _ends_all(reason: Exception, video: Video) -> bool:
-    """Return True for an error of the disk or the monitor, after which nothing can be recorded."""
-    return isinstance(reason, DisplayError) or (isinstance(reason, OSError) and is_fatal(reason, video.path))
-
-
 def _line(video: Video, camera: Camera) -> dict[str, Any]:
     """Return the fields that each line of the manifest has."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
     note = getattr(camera, "note", None)
     line = {"video": video.name, "status": "recorded", "when": now, "camera": camera.facts.serial}
     return line | ({"note": note} if note else {})
-
-
-def _recorded(
-    video: Video,
-    out: Path,
-    camera: Camera,
-    monitor: Monitor,
-    settings: CameraSettings,
-    inspector: Inspector,
-    live: bool,
-    show: Callable[[str], None],
-) -> dict[str, Any]:
-    """Play and record a video, and return its fields for the manifest; `show` is called with each step."""
-    raw = out / HIDDEN / f"{video.name}.h5"
-    raw.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        take = record_screen(camera, monitor, video.path, raw, settings, live=live)
-    except CameraError:
-        raise
-    except BaseException:
-        raw.unlink(missing_ok=True)
-        raise
-    show("trimming and checking")
-    with append_own(out / PLAYED) as file:
-        write_all(file.fileno(), json_line({"video": video.name, **take.performance.log()}).encode())
-    try:
-        line = trim(take, video, inspector)
-    except (ValueError, cv2.error, MemoryError) as error:
-        # the video was played, so it isn't the cause
-        raise TakeRejected(f"the recording can't be read or checked: {error}") from error
-    inspector.others.append(line["content"])
-    raw.unlink()
-    if take.performance.truncated:
-        line |= {"status": "truncated", "reason": take.performance.truncated}
-    return line
-
-
-class _Cameras:
-    """Holder of the camera, which is found again after it was disconnected."""
-
-    def __init__(self, find: Callable[[], Camera], monitor: Monitor, settings: CameraSettings) -> None:
-        self.monitor, self.settings, self._find = monitor, settings, find
-        self._camera: Camera | None = None
-        self._had_one = False
-        self._watched: tuple[Watch, Status] | None = None
-
-    def watched_by(self, watch: Watch, status: Status) -> None:
-        """Set the objects that are notified if the camera is disconnected."""
-        self._watched = watch, status
-
-    def get(self) -> Camera:
-        """Return the camera; wait for it if it was connected before. ValueError for settings that it doesn't have."""
-        reason, since = "", host_time()
-        while self._camera is None:
-            try:
-                self._camera = self._find()
-                self._camera.configure(self.settings)
-                self._had_one = True
-            except CameraError as error:
-                self.drop()
-                if not self._had_one:
-                    raise
-                if str(error) != reason:
-                    reason = str(error)
-                    say_above_bar(f"{reason}: waiting for it")
-                if self._watched is not None:
-                    watch, status = self._watched
-                    status.set(state="waiting for the camera")
-                    if host_time() - since > MISSED:
-                        watch.alarm(f"the camera has been gone for {MISSED / 60e6:.0f} minutes: {reason}")
-                        since = float("inf")
-                self.monitor.wait(host_time() + RETRY)
-        return self._camera
-
-    def drop(self) -> None:
-        """Close the camera because of a fault."""
-        if self._camera is not None:
-            with suppress(OSError):
-                self._camera.close()
-            self._camera = None
-
-    def __enter__(self) -> _Cameras:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.drop()
 
 
 def _clear(out: Path) -> None:

@@ -11,7 +11,7 @@ from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.live_view import LiveView
 from nvsdata.recording.recorder import Recorder
 from nvsdata.rig.calibration import ScreenCalibration, corners_of, lines_of, rectangles, response, spectrum_of
-from nvsdata.rig.clock_fit import fit
+from nvsdata.rig.clock_fit import fit_clock
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, STILL, pattern
 from nvsdata.video.frames import VideoFrame
@@ -58,7 +58,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: CameraSettings, second
             monitor.check = lambda: None
             recorder.finish()
     events = Events.trusted(concatenate([piece.columns for piece in pieces]), size, 0)
-    line = fit(events, np.array(whole[0]), np.array(whole[1]))
+    line = fit_clock(events, np.array(whole[0]), np.array(whole[1]))
     seen = response(events, line, *whole)
     corners = corners_of(seen, response(events, line, *corner))
     moment = round(line.camera(still))

@@ -29,9 +29,11 @@ class NoSync(ValueError):
 
 @dataclass(frozen=True)
 class ClockFit:
-    """Camera time = `offset` + (1 + `drift`) x host time, µs.
+    """Linear fit of camera time to host time: camera time = offset + (1 + drift) x host time.
 
     Args:
+        offset: Camera time at host time 0, in µs.
+        drift: Relative difference of the clocks' speeds.
         residual: Median distance of the flashes from that line (µs).
         used: Number of flashes that agree with it.
         flashes: Number of all flashes.
@@ -61,7 +63,7 @@ def flashes(length: int = 31) -> np.ndarray:
     return np.resize(np.array(bits, np.uint8), length)
 
 
-def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
+def fit_clock(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
     """Match the flashes of a screen with the events or triggers that they caused, and fit camera time to host time.
 
     The flashes may be several groups, such as before and after a video; events in between may be left out. A flash
@@ -92,7 +94,7 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
     camera = max(tried, key=lambda times: int(np.isfinite(times).sum()))
     found = np.isfinite(camera)
     if found.sum() < max(6, LEAST * host.size):
-        raise NoSync(f"of {host.size} flashes the camera saw {int(found.sum())}: is the whole screen in its view?")
+        raise NoSync(f"of {host.size} flashes the camera saw {int(found.sum())}: is the entire screen in its view?")
     offset, slope, residual, used = _line(host[found], camera[found], rising[found])
     if used < LEAST * host.size:
         raise NoSync(f"of {host.size} flashes only {used} agree in time")
@@ -198,7 +200,7 @@ class _Triggers:
 
 
 def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> list[float]:
-    """Places where `rate` is most like the flashes: µs from the first bin of `rate`, minus host time."""
+    """Return the shifts at which `rate` correlates best with the flashes: µs since its first bin, minus host time."""
     steps = np.rint((host - host[0]) / BIN).astype(np.int64)
     # some flashes may lie before the first event and after the last one
     around = np.zeros(int(steps[-1]) + SMEAR)

@@ -118,7 +118,7 @@ class Inspector:
         return {"content": found.as_dict()} | ({"look": doubts} if doubts else {})
 
     def look(self, span: Span, video: Path) -> Content:
-        """The figures of a take of a video."""
+        """Measure the quality of a take of a video."""
         size = span.recording.sensor_size
         corners, cover, seen = self._screen(span)
         place = self.corners or corners or self._usual("corners")

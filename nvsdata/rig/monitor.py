@@ -19,9 +19,9 @@ Look = Callable[[float, np.ndarray], None]
 USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
 TRIALS = 240  # flips by which the refresh is measured
 SAME = 0.01  # fraction by which a measured refresh may differ from that of the display's settings
-# shares of a refresh by which a flip may be off one: for a refresh as the display says, and for any other
+# fractions of a refresh by which a flip may be off one: for a refresh as the display says, and for any other
 EVEN, VERY_EVEN = 0.05, 0.01
-MOST = 0.95  # share of the flips that must be as even
+MOST = 0.95  # fraction of the flips that must be as even
 FASTEST = 1e6 / 500  # µs: a shorter time isn't a refresh
 NAP = 0.02  # s between looks at the keyboard
 

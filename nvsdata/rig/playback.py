@@ -194,7 +194,7 @@ def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tu
 
 
 def _flash(monitor: Monitor, done: PlaybackLog) -> None:
-    """Show the pattern on the whole screen."""
+    """Show the pattern on the entire screen."""
     times, rising = pattern(monitor, lambda bright, due: monitor.fill(BRIGHT if bright else DIM, due))
     done.flashes += times
     done.bright += rising

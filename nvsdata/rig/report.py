@@ -153,7 +153,7 @@ WORDS = {
 }
 
 
-def write_report(lines: Sequence[Line], head: Line, out: Path) -> None:
+def write_batch_report(lines: Sequence[Line], head: Line, out: Path) -> None:
     """Write `out/report.html`, which needs nothing else but the contact sheets next to it.
 
     Args:
@@ -162,10 +162,10 @@ def write_report(lines: Sequence[Line], head: Line, out: Path) -> None:
         out: Folder of the recordings.
     """
     sheets = sorted(path.name for path in out.glob(SHEETS))
-    put(out / REPORT, page(lines, head, out.resolve().name, sheets).encode("utf-8", "backslashreplace"))
+    put(out / REPORT, report_page(lines, head, out.resolve().name, sheets).encode("utf-8", "backslashreplace"))
 
 
-def page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = ()) -> str:
+def report_page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = ()) -> str:
     """The page as HTML, with links to the contact sheets."""
     done = [line for line in lines if line["status"] in ("recorded", "truncated")]
     again = [line for line in lines if line["status"] != "recorded"]

@@ -11,7 +11,7 @@ import numpy as np
 from nvsdata import formats
 from nvsdata.data.events import Events, concatenate
 from nvsdata.recording.capture import RecordingReport
-from nvsdata.rig.clock_fit import GROUP, MOST_DRIFT, ClockFit, NoSync, fit
+from nvsdata.rig.clock_fit import GROUP, MOST_DRIFT, ClockFit, NoSync, fit_clock
 from nvsdata.rig.playback import PlaybackLog
 
 AROUND = 500_000  # µs that are read before and after the flashes
@@ -55,13 +55,13 @@ def synced(take: ScreenRecording) -> Sync:
     """
     done = take.performance
     shown, bright = np.array(done.flashes), np.array(done.bright)
-    line = fit(around_flashes(take), shown, bright)
+    line = fit_clock(around_flashes(take), shown, bright)
     triggers = np.array(take.report.triggers, np.float64)
     if not triggers.size:
         return Sync(line, "events")
     try:
         _check_due(triggers, line, shown[bright])
-        other = fit(take.report.triggers, shown, bright)
+        other = fit_clock(take.report.triggers, shown, bright)
     except NoSync as error:
         return Sync(line, "events", str(error))
     apart = max(abs(line.camera(time) - other.camera(time)) for time in (done.start, done.stop))

@@ -2,36 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.batch.folder import Video, sha256
-from nvsdata.common.files import remove_link
+from nvsdata.batch.folder import Video, is_fatal, sha256
+from nvsdata.common.files import append_own, json_line, remove_link, write_all
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.pieces import cut_pieces
 from nvsdata.data.recording import Recording
-from nvsdata.recording.camera import Camera
+from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.capture import RecordingReport
-from nvsdata.recording.davis.registers import CameraSettings
-from nvsdata.recording.live_view import LiveView
+from nvsdata.recording.live_view import DisplayError, LiveView
 from nvsdata.recording.recorder import Recorder
+from nvsdata.rig.cameras import Rig
 from nvsdata.rig.clock_fit import ClockFit, NoSync
 from nvsdata.rig.content import Inspector, Span
-from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import PlaybackLog, perform
 from nvsdata.rig.sync import ScreenRecording, TakeRejected, synced
 
+PLAYED = "playback.jsonl"  # times at which the frames of each take were shown
+HIDDEN = ".takes"  # in the folder of recordings: takes that aren't trimmed yet, or that failed
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
 FULL = 10e6  # events/s above which the readout counts as full in a bin
-MOST_FULL = 0.01  # share of full bins
+MOST_FULL = 0.01  # fraction of full bins
 # ms for which a screen may show a wrong frame, and the same as a fraction of a longer video
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 # faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`
@@ -52,23 +54,82 @@ class Tally:
     full: float = 0.0
 
 
-def record_screen(
-    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: CameraSettings, *, live: bool = False
-) -> ScreenRecording:
+@dataclass(frozen=True)
+class VideoRecorder:
+    """Recorder that plays, records, trims and checks videos one by one.
+
+    Args:
+        out: Folder of the recordings.
+        rig: Camera and monitor.
+        inspector: Checks the recordings.
+        live: Show events in a window.
+        show: Called with each step.
+    """
+
+    out: Path
+    rig: Rig
+    inspector: Inspector
+    live: bool
+    show: Callable[[str], None]
+
+    def record(self, camera: Camera, video: Video) -> dict[str, Any]:
+        """Play and record a video, and return its fields for the manifest."""
+        raw = self.out / HIDDEN / f"{video.name}.h5"
+        raw.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            take = record_screen(camera, self.rig, video.path, raw, live=self.live)
+        except CameraError:
+            raise
+        except BaseException:
+            raw.unlink(missing_ok=True)
+            raise
+        self.show("trimming and checking")
+        with append_own(self.out / PLAYED) as file:
+            write_all(file.fileno(), json_line({"video": video.name, **take.performance.log()}).encode())
+        try:
+            line = trim(take, video, self.inspector)
+        except (ValueError, cv2.error, MemoryError) as error:
+            # the video was played, so it isn't the cause
+            raise TakeRejected(f"the recording can't be read or checked: {error}") from error
+        self.inspector.others.append(line["content"])
+        raw.unlink()
+        if take.performance.truncated:
+            line |= {"status": "truncated", "reason": take.performance.truncated}
+        return line
+
+    def probe(self, camera: Camera, videos: list[Video], lines: dict[str, dict[str, Any]]) -> bool:
+        """Record the shortest video with an unflagged recording again; return True on success, False for none."""
+        fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
+        fine = [video for video in fine if "look" not in lines[video.name] and video.path.exists()]
+        if not fine:
+            return False
+        video = min(fine, key=lambda video: lines[video.name]["duration"])
+        target = self.out / HIDDEN / "probe" / video.target.name
+        try:
+            self.record(camera, video._replace(target=target))
+        except (TakeRejected, OSError, ValueError, cv2.error) as error:
+            # the video may be missing or damaged by now
+            if ends_all(error, video):
+                raise
+            return False
+        finally:
+            target.unlink(missing_ok=True)
+        return True
+
+
+def record_screen(camera: Camera, rig: Rig, video: Path, raw: Path, *, live: bool = False) -> ScreenRecording:
     """Record to `raw` while a video plays; an error of the monitor, the video or the camera ends both.
 
     With `live`, events are shown in a window.
     """
     with LiveView((camera.facts.width, camera.facts.height)) if live else nullcontext() as view:
-        return _recorded(camera, monitor, video, raw, settings, view)
+        return _recorded(camera, rig, video, raw, view)
 
 
-def _recorded(
-    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: CameraSettings, view: LiveView | None
-) -> ScreenRecording:
+def _recorded(camera: Camera, rig: Rig, video: Path, raw: Path, view: LiveView | None) -> ScreenRecording:
     # no journal, because an incomplete take is recorded again
     watch: dict[str, Any] = {} if view is None else {"watch": lambda report, events: view.add(events)}
-    recorder = Recorder(camera, raw, settings, journaled=False, **watch)
+    recorder = Recorder(camera, raw, rig.settings, journaled=False, **watch)
 
     def check() -> None:
         recorder.check()
@@ -78,14 +139,14 @@ def _recorded(
     recorder.start()
     try:
         recorder.begun.wait()
-        monitor.check = check
-        performance = perform(monitor, video, camera.dropped)
+        rig.monitor.check = check
+        performance = perform(rig.monitor, video, camera.dropped)
     except BaseException:
         with suppress(OSError, ValueError):
             recorder.finish()
         raise
     finally:
-        monitor.check = lambda: None
+        rig.monitor.check = lambda: None
     report = recorder.finish()
     if report.failure is not None:
         raise report.failure
@@ -129,6 +190,11 @@ def trim(take: ScreenRecording, video: Video, inspector: Inspector) -> dict[str,
         "odd": {name: count for name, count in report.error_counts.items() if count},
         "temperature": report.temperature,
     } | content
+
+
+def ends_all(reason: Exception, video: Video) -> bool:
+    """Return True for an error of the disk or the monitor, after which nothing can be recorded."""
+    return isinstance(reason, DisplayError) or (isinstance(reason, OSError) and is_fatal(reason, video.path))
 
 
 def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:

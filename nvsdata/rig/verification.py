@@ -12,9 +12,10 @@ from nvsdata.batch.manifest import NAME, as_before
 from nvsdata.common.files import Journal
 from nvsdata.common.locks import locked
 from nvsdata.common.progress import bar
-from nvsdata.rig.batch import DONE, KIND, PLAYED
-from nvsdata.rig.report import REPORT, write_report
+from nvsdata.rig.batch import DONE, KIND
+from nvsdata.rig.report import REPORT, write_batch_report
 from nvsdata.rig.status import RECENT, STATUS, Status
+from nvsdata.rig.take import PLAYED
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Verification:
         return f"datasets would read other files in the folder as recordings: {len(self.foreign):,}; move them away"
 
 
-def format_of(out: Path) -> str:
+def recorded_format(out: Path) -> str:
     """Return the format of the recordings in a folder, from its manifest.
 
     FileNotFoundError if it has none, ValueError if that isn't one of recordings.
@@ -82,7 +83,7 @@ def verify(videos: list[Video], out: Path, limit: int | None = None) -> Verifica
     Faults are noted in the manifest, so that the next run records them again, and in
     `status.json` and `report.html`. FileNotFoundError if the folder has no manifest.
     """
-    format_of(out)
+    recorded_format(out)
     with locked(out), Journal(out / NAME, {}) as journal:
         lines = {line["video"]: line for line in journal.lines}
         videos = as_before(videos, journal.lines, out)
@@ -97,7 +98,7 @@ def verify(videos: list[Video], out: Path, limit: int | None = None) -> Verifica
                     journal.add(lines[video.name])
         found = Verification(len(videos[:limit]), faults, _others(videos, lines, out))
         _set_status(found, lines, out)
-        write_report(list(lines.values()), journal.head, out)
+        write_batch_report(list(lines.values()), journal.head, out)
     return found
 
 
@@ -141,7 +142,7 @@ def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
     except (OSError, ValueError) as error:
         return str(error)
     if len(events) != line["events"]:
-        return f"{video.target}: holds {len(events)} events, not the {line['events']} that were recorded"
+        return f"{video.target}: contains {len(events)} events, not the {line['events']} that were recorded"
     if len(events) and not (events.t[0] >= 0 and events.t[-1] < line["duration"]):
         return f"{video.target}: has times outside the video's {line['duration']} µs"
     if "recording_sha256" in line and sha256(video.target) != line["recording_sha256"]:

@@ -41,7 +41,8 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     data = out / "shapes"
     kept = [name for name in ("log.jsonl", "checkpoint.pt", "model.safetensors") if (out / name).exists()]
     if kept and not (data / MARK).exists():
-        raise FileExistsError(f"{out} holds a training ({', '.join(kept)}) that isn't the demo's: choose another --out")
+        found = ", ".join(kept)
+        raise FileExistsError(f"{out} contains a training ({found}) that isn't the demo's: choose another --out")
     make_dataset(data, seed)
     train = EventFolder(data, "train", transform=pipeline(augmented=True))
     test = EventFolder(data, "test", transform=pipeline(augmented=False))
@@ -68,7 +69,7 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     print(f"accuracy on {len(test)} recordings not trained on, one 30 ms window each: {single:.3f}")
     print(f"the same, {VOTES} windows of each recording voting: {votes:.3f}")
     drawn, learned, network = (shown(out / name) for name in ("samples.png", "learning.png", "model.safetensors"))
-    print(f"pictures: {drawn}, {learned}; network: {network}")
+    print(f"plots: {drawn}, {learned}; network: {network}")
 
 
 def pipeline(*, augmented: bool) -> T.Compose:
@@ -134,7 +135,7 @@ def make_dataset(folder: Path, seed: int) -> None:
     if mark.exists() and mark.read_text() == str(seed):
         return
     if folder.exists() and not mark.exists() and any(folder.iterdir()):
-        raise FileExistsError(f"{folder} holds other files than the demo's: choose another --out")
+        raise FileExistsError(f"{folder} contains other files than the demo's: choose another --out")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     mark.touch()

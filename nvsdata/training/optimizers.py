@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import nn
 
-RISE = 0.3  # share of the epochs in which the rate of a cycle rises
+RISE = 0.3  # fraction of the epochs in which the rate of a cycle rises
 
 
 def sgd(

@@ -59,7 +59,7 @@ def write_report(
         else:
             plots.save_png(picture, trainer.out / name)
     count = sum(p is not None for p in pictures.values())
-    trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} pictures")
+    trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} plots")
 
 
 def _pictures(summary: Summary, by_length: dict[int, float], classes: Sequence[str]) -> dict[str, np.ndarray | None]:

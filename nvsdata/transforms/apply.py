@@ -104,7 +104,7 @@ def move_boxes(sample: Any, boxes: Boxes, change: Change) -> Boxes:
     for size in _sizes(sample):
         if size not in (None, boxes.sensor_size):
             seen, known = ("{}x{}".format(*one) for one in (size, boxes.sensor_size))
-            raise ValueError(f"boxes can't follow: the sample has {seen} pixels, and they lie on {known}")
+            raise ValueError(f"boxes can't follow: the sample has {seen} pixels, and the boxes are on {known}")
     moved: Boxes = change(boxes)
     return moved
 

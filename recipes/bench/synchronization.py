@@ -20,15 +20,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from nvsdata.batch.folder import Video, videos_in
+from nvsdata.batch.folder import videos_in
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig import batch, take
-from nvsdata.rig.content import Inspector
+from nvsdata.rig.cameras import Rig
 from nvsdata.rig.monitor import Monitor
-from nvsdata.rig.sync import ScreenRecording, synced
+from nvsdata.rig.sync import ScreenRecording
 
 CLOCK_STARTS = 2  # per take: at the start of the stream, and at the reset
 
@@ -80,25 +80,26 @@ def measure(place: Path, simulation: Simulation) -> dict[str, float]:
             super()._begin()
             began.append(self._began or 0)
 
-    def trim(recording: ScreenRecording, video: Video, inspector: Inspector) -> dict[str, Any]:
-        fields = take.trim(recording, video, inspector)
-        line, played = synced(recording).line, recording.performance
-        true = (played.start - began[-1]) * (1 + simulation.drift * 1e-6)
-        starts.append(line.camera(played.start) - true)
+    cut = take.trim
+
+    def trim(one: ScreenRecording, *how: Any) -> dict[str, Any]:
+        fields = cut(one, *how)
+        line = take.synced(one).line
+        true = (one.performance.start - began[-1]) * (1 + simulation.drift * 1e-6)
+        starts.append(line.camera(one.performance.start) - true)
         drifts.append(line.drift * 1e6 - simulation.drift)
         return fields
 
-    batch.trim = trim
+    take.trim = trim
     backend, look = simulation.watched(ObservedDavis)
     videos = videos_in(place / "in", place / "out")
     began_at = time.perf_counter()
     with (
         Monitor(window=(640, 480), look=look) as monitor,
-        batch.manifest_of(place / "out", CameraSettings(), "hdf5", monitor, videos, resume=False) as manifest,
     ):
-        result = batch.record_videos(
-            videos, place / "out", manifest, lambda: Davis.find(backend=backend), monitor, CameraSettings()
-        )
+        rig = Rig(lambda: Davis.find(backend=backend), monitor, CameraSettings())
+        with batch.manifest_of(place / "out", videos, rig, batch.BatchOptions()) as manifest:
+            result = batch.record_videos(videos, manifest, rig, batch.BatchOptions())
     spent = time.perf_counter() - began_at
     if not starts:
         raise ValueError(f"no recording passed its checks: {'; '.join(result.messages())}")

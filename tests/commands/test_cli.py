@@ -96,7 +96,7 @@ def test_demo_makes_data_pictures_and_the_same_model_again(tmp_path, monkeypatch
         assert told[-3].startswith("accuracy on 5 recordings not trained on, one 30 ms window each: 0.")
         assert told[-2].startswith("the same, 5 windows of each recording voting: ")
         network = out / "model.safetensors"
-        assert told[-1] == f"pictures: {out / 'samples.png'}, {out / 'learning.png'}; network: {network}"
+        assert told[-1] == f"plots: {out / 'samples.png'}, {out / 'learning.png'}; network: {network}"
         lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
         logs.append([{k: v for k, v in line.items() if k != "seconds"} for line in lines])
     # not by the clock
@@ -291,14 +291,14 @@ def test_a_folder_of_ones_own_is_not_the_demos_to_delete(tmp_path, capsys):
     (tmp_path / "shapes").mkdir()
     (tmp_path / "shapes/thesis.tex").write_text("years of work")
     assert main(["demo", "--out", str(tmp_path)]) == 1
-    assert "holds other files than the demo's" in capsys.readouterr().err
+    assert "contains other files than the demo's" in capsys.readouterr().err
     assert (tmp_path / "shapes/thesis.tex").exists()
 
 
 def test_a_training_in_the_folder_is_not_the_demos_to_replace(tmp_path, capsys):
     (tmp_path / "model.safetensors").write_bytes(b"a week's work")
     assert main(["demo", "--out", str(tmp_path)]) == 1
-    assert "holds a training (model.safetensors) that isn't the demo's" in capsys.readouterr().err
+    assert "contains a training (model.safetensors) that isn't the demo's" in capsys.readouterr().err
     assert (tmp_path / "model.safetensors").read_bytes() == b"a week's work"
 
 

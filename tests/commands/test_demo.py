@@ -134,7 +134,7 @@ def test_a_training_that_is_not_the_demos_is_left_alone(tmp_path, monkeypatch, n
 
     monkeypatch.setattr(demo, "make_dataset", made)
     (tmp_path / name).touch()
-    with pytest.raises(FileExistsError, match=f"holds a training \\({name}\\) that isn't the demo's"):
+    with pytest.raises(FileExistsError, match=f"contains a training \\({name}\\) that isn't the demo's"):
         demo.train(tmp_path, 1, 0)
     (tmp_path / "shapes").mkdir()
     (tmp_path / "shapes" / demo.MARK).touch()

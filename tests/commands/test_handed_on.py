@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ import nvsdata
 from nvsdata import Events, cli
 from nvsdata.batch.run import FolderReport
 from nvsdata.cli import main
-from nvsdata.commands.view import save
+from nvsdata.commands.view import save_view
 from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
@@ -91,7 +92,12 @@ def session(monkeypatch):
     from nvsdata.rig import session as rig
 
     asked = []
-    for module, name in ((session, "run"), (rig, "run_calibration"), (rig, "run_batch"), (rig, "run_verification")):
+    for module, name in (
+        (session, "run_recording"),
+        (rig, "run_calibration"),
+        (rig, "run_batch"),
+        (rig, "run_verification"),
+    ):
         monkeypatch.setattr(module, name, lambda *args, name=name, **more: asked.append((name, args, more)) or 5)
     return asked
 
@@ -99,13 +105,12 @@ def session(monkeypatch):
 @pytest.mark.parametrize("words", [["--out", "a.h5"], ["--live"], ["--live", "--overwrite", "--seconds", "2"]])
 def test_one_recording_is_asked_for(words, session):
     assert main(["record", *words]) == 5
-    ((name, (out, seconds, device, _, simulate), how),) = session
-    assert (name, device, simulate) == ("run", None, None)
+    ((name, (out, seconds, chosen), how),) = session
+    assert (name, chosen.serial, chosen.simulate, chosen.note) == ("run_recording", None, None, None)
     assert out == (Path("a.h5") if "--out" in words else None)
     assert seconds == (2 if "--seconds" in words else None)
     assert how == {"live": "--live" in words, "overwrite": "--overwrite" in words} | {
         "decider": None,
-        "note": None,
         "as_json": False,
     }
 
@@ -117,23 +122,23 @@ def test_calibrations_and_folders_are_asked_for(session):
     first, second, third = session
     assert [name for name, *_ in session] == ["run_calibration", "run_calibration", "run_batch"]
     assert first[1][0] == Path("calibration")
-    assert first[1][3].region == (1, 2, 3, 4)
-    assert first[1][4] is not None
-    assert first[1][5] == {"display": 2, "region": None, "scaling": "aspect"}
+    assert first[1][2].settings.region == (1, 2, 3, 4)
+    assert first[1][2].simulate is not None
+    assert first[1][3] == {"display": 2, "region": None, "scaling": "aspect"}
     assert (first[2], second[2]) == ({"overwrite": False}, {"overwrite": True})
-    assert (second[1][0], second[1][4], second[1][5]["region"]) == (Path("b"), None, (1, 2, 3, 4))
-    assert third[1][:3] == (Path("in"), Path("b"), None)
-    assert third[1][5]["scaling"] == "integer"
-    assert third[2] == {"format": "hdf5", "limit": 3, "resume": True} | {
+    assert (second[1][0], second[1][2].simulate, second[1][3]["region"]) == (Path("b"), None, (1, 2, 3, 4))
+    source, out, chosen, screen, options = third[1]
+    assert (source, out, chosen.serial, chosen.note) == (Path("in"), Path("b"), None, None)
+    assert screen["scaling"] == "integer"
+    assert asdict(options) == {"format": "hdf5", "limit": 3, "resume": True} | {
         "calibration": None,
         "strict": False,
         "accept_quiet": False,
         "on_alarm": None,
         "until_full": False,
-        "note": None,
-        "as_json": False,
         "live": False,
     }
+    assert third[2] == {"as_json": False}
 
 
 def test_a_reader_that_leaves_ends_a_command_with_1(monkeypatch, tmp_path):
@@ -160,16 +165,16 @@ def test_a_page_has_the_frames_up_to_its_last_event(tmp_path, monkeypatch):
         return "<p>"
 
     monkeypatch.setattr("nvsdata.plots.page.player_page", page)
-    save(tmp_path / "b.HTML", "a", nvsdata.open(tmp_path / "a.h5"), events, Film(), 7)
+    save_view(tmp_path / "b.HTML", "a", nvsdata.open(tmp_path / "a.h5"), events, Film(), 7)
     nvsdata.write(events, tmp_path / "c.h5")
-    save(tmp_path / "d.html", "c", nvsdata.open(tmp_path / "c.h5"), events, Film(), None)
+    save_view(tmp_path / "d.html", "c", nvsdata.open(tmp_path / "c.h5"), events, Film(), None)
     assert drawn == [("a", [5, 9], 7), ("c", [], None)]
     assert (tmp_path / "b.HTML").read_text() == "<p>"
 
 
 def test_view_takes_what_it_is_told(tmp_path, monkeypatch, capsys):
     films = []
-    monkeypatch.setattr("nvsdata.commands.view.save", lambda *args: films.append(args))
+    monkeypatch.setattr("nvsdata.commands.view.save_view", lambda *args: films.append(args))
     nvsdata.write(Events(range(1_200), [0] * 1_200, [0] * 1_200, [0] * 1_200, (4, 4)), tmp_path / "a.h5")
     monkeypatch.chdir(tmp_path)
     assert main(["view", "a.h5"]) == 0
@@ -397,20 +402,22 @@ def test_a_verification_is_asked_for(session):
 
 def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
     given = []
-    monkeypatch.setattr("nvsdata.rig.session.run_batch", lambda *args, **how: given.append(how) or 3)
+    monkeypatch.setattr("nvsdata.rig.session.run_batch", lambda *args, **how: given.append(args) or 3)
     words = ["--calibration", "c", "--strict", "--accept-quiet", "--on-alarm", "mail me"]
     words += ["--note", "dark", "--live", "--until-full"]
     assert main(["record", "--monitor", "in", "--out", "b", *words]) == 3
     how = {"calibration": Path("c"), "strict": True, "accept_quiet": True, "on_alarm": "mail me"}
-    how |= {"note": "dark", "live": True, "until_full": True}
-    assert given[0].items() >= how.items()
+    how |= {"live": True, "until_full": True}
+    *_, chosen, _, options = given[0]
+    assert asdict(options).items() >= how.items()
+    assert chosen.note == "dark"
 
 
 @pytest.mark.parametrize(("words", "frames"), [([], False), (["--frames"], True)])
 def test_frames_are_recorded_if_asked_for(words, frames, session):
     assert main(["record", "--out", "a.h5", *words]) == 5
-    ((_, (*_, settings, _), _),) = session
-    assert settings.frames is frames
+    ((_, (*_, chosen), _),) = session
+    assert chosen.settings.frames is frames
 
 
 def test_a_shard_overwrites_nothing(capsys):

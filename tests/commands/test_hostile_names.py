@@ -27,7 +27,7 @@ from nvsdata.datasets.cache.cached import TAG as CACHE_CONTENT
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.plots.gallery import ClassSummary, gallery
 from nvsdata.plots.page import player_page as view_page
-from nvsdata.rig.report import page as report_page
+from nvsdata.rig.report import report_page
 from nvsdata.training import runs as recipes
 
 # a title, a line of its own, a line that overwrites, C1, right to left, a byte that isn't UTF-8, a tag, an attribute

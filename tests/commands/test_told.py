@@ -149,7 +149,7 @@ def test_where_a_dataset_is(tmp_path, names, wanted, found):
 
 
 def test_the_table_of_datasets_has_their_facts(tmp_path):
-    told = datasets.table(datasets.facts_of(tmp_path / "nowhere"))
+    told = datasets.table(datasets.dataset_facts(tmp_path / "nowhere"))
     lines = {line.split()[0]: " ".join(line.split()) for line in told.splitlines()}
     assert lines["name"] == "name sensor recordings classes size license location or source"
     assert lines["n-mnist"] == "n-mnist 34x34 70,000 10 ? CC BY-SA 4.0 nvsdata download n-mnist"

@@ -15,7 +15,7 @@ def test_a_pool_works_however_its_processes_start(monkeypatch, method):
     if method not in multiprocessing.get_all_start_methods():
         pytest.skip(f"no {method} on this system")
     monkeypatch.setattr(processes, "get_all_start_methods", lambda: [method])
-    with processes.pool(2, "nvsdata.data.events") as workers:
+    with processes.process_pool(2, "nvsdata.data.events") as workers:
         assert list(workers.map(operator.neg, range(5))) == [0, -1, -2, -3, -4]
 
 
@@ -27,7 +27,7 @@ def test_workers_end_with_the_process_that_started_them(method):
         from nvsdata.common import processes
         processes.get_all_start_methods = lambda: [{method!r}]
         if __name__ == "__main__":
-            pool = processes.pool(2, "nvsdata.data.events")
+            pool = processes.process_pool(2, "nvsdata.data.events")
             pids = set()
             while len(pids) < 2:
                 pids |= set(pool.map(eval, ['__import__("time").sleep(0.2) or __import__("os").getpid()'] * 2))

@@ -25,7 +25,7 @@ CHECKS = {
         (),
         [0, 0.5, 1],
         [-1e-9, 1 + 1e-9, NAN, INF],
-        "must lie between 0 and 1, not {}",
+        "must be between 0 and 1, not {}",
     ),
     "at least": (check.at_least, (3,), [3, 3.5], [3 - 1e-9, NAN, INF], "must be at least 3, not {}"),
     "whole": (check.whole, (), [0, 1, 2.0], [-1, 0.5, NAN, INF], "must be a whole number of at least 0, not {}"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata.kernels import _native
-from nvsdata.kernels.metrics.distances import least_work, nearest
+from nvsdata.kernels.metrics.distances import least_work, nearest_spikes
 
 counted = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indexes counts them")
 
@@ -25,7 +25,7 @@ def spikes(n, shape, shift=0):
 def looked_at(a, b, shape):
     """Elements that it touches to find the nearest of `b` to each of `a`."""
     _native.touched()
-    nearest(*a, *b, shape, WEIGHT, np.inf)
+    nearest_spikes(*a, *b, shape, WEIGHT, np.inf)
     return _native.touched()
 
 

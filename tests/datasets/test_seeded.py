@@ -183,7 +183,7 @@ def test_a_fifth_is_for_testing_unless_told_otherwise():
     # halves are rounded up
     assert [len(stratified(found[::2][:n], 0.5)[1]) for n in range(5)] == [0, 1, 1, 2, 2]
     for share in (0, 1, -0.5, 1.5):
-        with pytest.raises(ValueError, match=f"test must lie between 0 and 1, not {share}"):
+        with pytest.raises(ValueError, match=f"test must be between 0 and 1, not {share}"):
             stratified(found, share)
 
 

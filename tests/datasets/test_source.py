@@ -6,7 +6,7 @@ import trees
 
 from nvsdata.common.locks import owner
 from nvsdata.datasets import source
-from nvsdata.datasets.source import CACHE_TAG, INDEX, Folder, load_index, recordings_in, save_index
+from nvsdata.datasets.source import CACHE_TAG, INDEX, Folder, load_facts, recordings_in, save_facts
 
 
 @pytest.fixture
@@ -69,9 +69,9 @@ def test_a_damaged_index_is_made_anew(tree, content):
 def altered(tree, change):
     """The index changed by somebody who knows how it is kept, checksum and all."""
     Folder(tree).listing()
-    index = load_index(tree / INDEX)
+    index = load_facts(tree / INDEX)
     change(index)
-    save_index(tree / INDEX, index)
+    save_facts(tree / INDEX, index)
     os.utime(tree, ns=(10**18, 10**18))
 
 
@@ -161,7 +161,7 @@ def test_which_index_is_trusted(tmp_path, monkeypatch, folder, version, made, tr
     files = {".": [], folder: ["1.bin"]}
     with monkeypatch.context() as patch:
         patch.setattr(source, "VERSION", version)
-        save_index(tmp_path / INDEX, {"made": made, "times": {".": 10**18, folder: 10**18}, "files": files})
+        save_facts(tmp_path / INDEX, {"made": made, "times": {".": 10**18, folder: 10**18}, "files": files})
     for path in (tmp_path / "a", tmp_path):
         os.utime(path, ns=(10**18, 10**18))
     walked = []

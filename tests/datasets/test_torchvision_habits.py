@@ -139,7 +139,7 @@ def test_halves_share_no_recording_and_no_augmentation(digits):
     again, other = dataset.split(2 / 3, seed=1)[0], dataset.split(2 / 3, seed=2)[0]
     assert again.split_hash == first.split_hash != other.split_hash
     for share in (0, 1, 1.5):
-        with pytest.raises(ValueError, match=f"fraction must lie between 0 and 1, not {share}"):
+        with pytest.raises(ValueError, match=f"fraction must be between 0 and 1, not {share}"):
             dataset.split(share)
 
 

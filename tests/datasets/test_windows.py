@@ -239,9 +239,9 @@ def test_an_index_altered_with_its_checksum_is_found_out_and_made_again(tmp_path
     expected = cut_of(tmp_path, [5, 15], duration=10)
     (path,) = tmp_path.glob(".nvsdata-windows-*")
     sound = path.read_bytes()
-    known = source.load_index(path)
+    known = source.load_facts(path)
     known["a/one.npy"] |= ALTERED[how]
-    source.save_index(path, known)
+    source.save_facts(path, known)
     found = [(sample.window, sample.events) for sample in windows(EventFolder(tmp_path), 10).samples]
     assert found == expected
     assert path.read_bytes() == sound

@@ -1,5 +1,6 @@
 """Names in the documents exist: modules, public names, files, tests and options."""
 
+import ast
 import importlib
 import re
 from functools import cache
@@ -140,3 +141,19 @@ def test_names_that_do_not_exist_are_noticed():
     assert not is_class("SumFrames")
     assert not is_option("--no-such-option")
     assert not is_identifier("spline_conv_torch")
+
+
+@cache
+def messages():
+    """The text of all strings of nvsdata, a line for each part between the fields of an f-string."""
+    trees = [ast.parse(path.read_text("utf-8")) for path in sorted((ROOT / "nvsdata").rglob("*.py"))]
+    strings = (node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant))
+    return "\n".join(string for string in strings if isinstance(string, str))
+
+
+def test_messages_of_the_troubleshooting_page_are_those_of_the_code():
+    rows = re.findall(r"^\| `([^`]+)` \|", (ROOT / "docs/troubleshooting.md").read_text("utf-8"), re.MULTILINE)
+    others = {"No space left on device": "of the system", "NVSDATA_CPU is ...": "of the kernels in C++"}
+    parts = {part.strip(": ") for row in rows if row not in others for part in row.split("...")} - {""}
+    assert len(parts) > 15
+    assert sorted(part for part in parts if part not in messages()) == []

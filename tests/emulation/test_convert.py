@@ -140,7 +140,7 @@ def test_broken_videos_are_reported_and_the_rest_goes_on(videos, tmp_path, capfd
     out, err = capfd.readouterr()
     assert "2 converted, 0 already existed, 2 failed" in out
     assert "run/a.avi: " in err
-    assert "holds no video" in err
+    assert "contains no video" in err
     assert "of 60 frames" in err
     status = {line["video"]: line["status"] for line in lines(tmp_path / "out")[1:]}
     assert status == {

@@ -334,7 +334,7 @@ def test_blind_pixels_do_not_show_what_they_miss():
         ({"dark": 0}, "dark must be at least"),
         ({"cutoff": -1}, "cutoff must not be negative"),
         ({"leak": math.inf}, "leak must not be negative"),
-        ({"hot_pixels": 1.5}, "hot_pixels must lie between 0 and 1"),
+        ({"hot_pixels": 1.5}, "hot_pixels must be between 0 and 1"),
         ({"seed": 1 << 63}, "seed must be below"),
         ({"seed": 0.5}, "seed must be a whole number"),
         ({"upsample": 2.0}, "upsample must be a whole number of at least 1, not 2.0"),

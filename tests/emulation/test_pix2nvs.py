@@ -224,7 +224,7 @@ def test_times_of_their_own():
         ({"max_events": 1.5}, "max_events must be a whole number"),
         ({"continuous": True, "t_log": 1}, "continuous needs t_log above 1"),
         ({"noise_rate": -1}, "noise_rate must not be negative"),
-        ({"hot_pixels": 2}, "hot_pixels must lie between"),
+        ({"hot_pixels": 2}, "hot_pixels must be between"),
     ],
 )
 def test_settings_out_of_range(bad, says):
@@ -245,7 +245,7 @@ def test_frames_that_cannot_be():
         list(PIX2NVS().stream([gray, gray], times=[5, 5]))
     with pytest.raises(ValueError, match="fewer times than frames"):
         list(PIX2NVS().stream([gray, gray], times=[5]))
-    with pytest.raises(ValueError, match="floats must lie"):
+    with pytest.raises(ValueError, match="floats must be in"):
         PIX2NVS().emulate([gray + 2.0])
     with pytest.raises(ValueError, match=r"shape \(6, 8, 2\)"):
         PIX2NVS().emulate([np.zeros((6, 8, 2), np.uint8)])

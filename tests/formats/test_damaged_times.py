@@ -13,7 +13,7 @@ import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.datasets.verification import problems
 from nvsdata.formats import atis, contents, reading, records
-from nvsdata.kernels.decode.clock import BACK_US, SILENT_US, is_jump, kept_words, nearest
+from nvsdata.kernels.decode.clock import BACK_US, SILENT_US, is_jump, kept_words, nearest_time
 
 WRITERS = {"evt2": evt2_bytes, "evt3": evt3_bytes}
 every_kind = pytest.mark.parametrize("kind", KINDS)
@@ -275,7 +275,7 @@ def most_without_jumps(words, bits, back, silent):
         chains = [(1, word)] if word != 2**bits - 1 else []
         for j in range(k):
             for count, time in best[j]:
-                now = int(nearest(word, time, bits))
+                now = int(nearest_time(word, time, bits))
                 if not is_jump(time, now, bits, back, silent):
                     chains.append((count + 1, now))
         best.append(chains)
@@ -293,7 +293,7 @@ def test_the_most_words_are_kept_and_between_them_no_time_jumps(words):
     assert len(kept) == most_without_jumps(words, bits, back, silent)
     time = None
     for word in kept:
-        now = word if time is None else int(nearest(word, time, bits))
+        now = word if time is None else int(nearest_time(word, time, bits))
         assert now >= 0
         assert time is None or not is_jump(time, now, bits, back, silent)
         time = now

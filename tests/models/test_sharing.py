@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from nvsdata.models import BatchNorm, distributed
-from nvsdata.models.distributed import Dropout, all_reduce_sum, processes
+from nvsdata.models.distributed import Dropout, all_reduce_sum, process_count
 
 
 @pytest.fixture
@@ -54,10 +54,10 @@ def test_a_sum_and_its_gradient_are_of_all(together):
         x = torch.tensor([1.0, 2.0 + rank], requires_grad=True)
         total = all_reduce_sum(x)
         (total * (rank + 1)).sum().backward()
-        return processes(), total.tolist(), x.grad.tolist()
+        return process_count(), total.tolist(), x.grad.tolist()
 
     assert together(member, 3) == [(3, [3.0, 9.0], [6.0, 6.0])] * 3
-    assert processes() == 1
+    assert process_count() == 1
     x = torch.ones(2)
     assert all_reduce_sum(x) is x
 
@@ -115,7 +115,7 @@ def test_dropout_cuts_its_share_of_one_mask(monkeypatch, sizes):
     for rank, size in enumerate(sizes):
         fake = SimpleNamespace(get_rank=lambda rank=rank: rank)
         monkeypatch.setattr(distributed, "distributed", fake)
-        monkeypatch.setattr(distributed, "processes", lambda: len(sizes))
+        monkeypatch.setattr(distributed, "process_count", lambda: len(sizes))
 
         def counts(own, rank=rank, size=size):
             assert own.tolist() == [size * (n == rank) for n in range(len(sizes))]

@@ -210,14 +210,14 @@ def test_weights_of_torchvision_are_taken_over(letters, monkeypatch):
     theirs |= {"classifier.6.weight": torch.rand(1000, 16), "classifier.6.bias": torch.rand(1000)}
     torch.save(theirs, letters / "vgg16.pth")
     last = model.classify[6].weight.clone()
-    recipe["start_from"](model, letters / "vgg16.pth")
+    recipe["load_weights"](model, letters / "vgg16.pth")
     assert torch.equal(model.maps[0].weight, theirs["features.0.weight"])
     assert torch.equal(model.classify[3].bias, theirs["classifier.3.bias"])
     assert torch.equal(model.classify[6].weight, last)
     del theirs["features.0.bias"]
     torch.save(theirs, letters / "vgg16.pth")
     with pytest.raises(ValueError, match="doesn't have the weights of torchvision's vgg16"):
-        recipe["start_from"](model, letters / "vgg16.pth")
+        recipe["load_weights"](model, letters / "vgg16.pth")
 
 
 def test_only_the_layers_that_are_named_decay():

@@ -62,7 +62,7 @@ PICTURES = {"confusion.png", "classes.png", "calibration.png", "votes.png", "len
 def test_a_training_ends_with_a_report(run, fake_nmnist, tmp_path):
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path, "--epochs", 1, "--votes", 3)
     common = (*common, "--device", "cpu")
-    assert "6 pictures" in run("train_objects.py", *common)
+    assert "6 plots" in run("train_objects.py", *common)
     found = report(tmp_path)
     assert (found["recordings"], found["windows"], found["rounds"]) == (20, 3, 5)
     assert found["accuracy"]["vote"] == lines(tmp_path)[-1]["test_accuracy_votes"]

@@ -131,7 +131,7 @@ def test_a_still_screen_is_watched_after_its_flashes(monkeypatch):
         ("LiveView", Live),
         ("pattern", pattern),
         ("host_time", lambda: screen.now),
-        ("fit", lambda seen, host, bright: ClockFit(0.0, 0.0, 0.0, 2, len(seen))),
+        ("fit_clock", lambda seen, host, bright: ClockFit(0.0, 0.0, 0.0, 2, len(seen))),
         ("response", lambda given, line, *shown: (len(given), shown)),
         ("corners_of", lambda whole, quarter: (whole, quarter)),
         ("rectangles", lambda corners, size: ((0, 0, *size), (0, 0, 1, 1), 0.5)),

@@ -21,7 +21,9 @@ from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.camera import SimulatedDavis, picture
 from nvsdata.recording.simulated.scenes import Watched
 from nvsdata.recording.simulated.usb_backend import Backend
-from nvsdata.rig import batch, take, verification
+from nvsdata.rig import batch, cameras, take, verification
+from nvsdata.rig.batch import BatchOptions
+from nvsdata.rig.cameras import Rig
 from nvsdata.rig.monitor import Monitor
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -33,11 +35,11 @@ def recorded(source, out, camera, *, before=lambda camera, call: None, resume=Fa
     backend = Backend(camera, before=before)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
-        batch.manifest_of(out, CameraSettings(), format, monitor, videos, resume=resume) as manifest,
     ):
-        return batch.record_videos(
-            videos, out, manifest, lambda: Davis.find(backend=backend), monitor, CameraSettings()
-        )
+        rig = Rig(lambda: Davis.find(backend=backend), monitor, CameraSettings())
+        options = BatchOptions(format, resume=resume, until_full=True)
+        with batch.manifest_of(out, videos, rig, options) as manifest:
+            return batch.record_videos(videos, manifest, rig, options)
 
 
 def lines(out):
@@ -62,7 +64,7 @@ def truth(monkeypatch):
         return develop(one, *how)
 
     monkeypatch.setattr(SimulatedDavis, "_begin", remembering)
-    monkeypatch.setattr(batch, "trim", measuring)
+    monkeypatch.setattr(take, "trim", measuring)
     return found
 
 
@@ -144,7 +146,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
     back.tries = 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Davis, "find", back)
-        patch.setattr(batch, "RETRY", 10_000)
+        patch.setattr(cameras, "RETRY", 10_000)
         result = recorded(tmp_path / "in", tmp_path / "out", camera, before=pulled, format="aedat2")
     assert (result.done, result.failed) == (1, {})
     assert lines(tmp_path / "out")[-1]["takes"] == 2
@@ -160,7 +162,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
     head = json.loads((tmp_path / "out/manifest.jsonl").read_text().splitlines()[0])
     (tmp_path / "out/manifest.jsonl").write_text(json.dumps({"nvsdata-videos": 1} | head).replace(batch.KIND, "x"))
     with pytest.raises(ValueError, match="is not a manifest of nvsdata-recordings"):
-        verification.format_of(tmp_path / "out")
+        verification.recorded_format(tmp_path / "out")
 
 
 def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypatch):
@@ -235,11 +237,10 @@ def test_frames_and_samples_are_cut_with_their_video(tmp_path):
     backend, settings = Backend(camera), CameraSettings(frames=True)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
-        batch.manifest_of(tmp_path / "out", settings, "hdf5", monitor, videos, resume=False) as manifest,
     ):
-        result = batch.record_videos(
-            videos, tmp_path / "out", manifest, lambda: Davis.find(backend=backend), monitor, settings
-        )
+        rig = Rig(lambda: Davis.find(backend=backend), monitor, settings)
+        with batch.manifest_of(tmp_path / "out", videos, rig, BatchOptions()) as manifest:
+            result = batch.record_videos(videos, manifest, rig, BatchOptions())
     assert result.done == 1
     # a name with a line break is a name
     recording = nvsdata.open(tmp_path / "out/run/a\nb.h5")

@@ -12,7 +12,7 @@ from nvsdata.batch.folder import Video
 from nvsdata.plots import charts
 from nvsdata.recording.capture import RESERVE
 from nvsdata.rig import report
-from nvsdata.rig.session import estimate_recording
+from nvsdata.rig.batch import estimate_recording
 
 
 def line(name, status="recorded", **more):
@@ -42,7 +42,7 @@ def test_what_is_to_be_done_comes_first():
     ]
     head = {"monitor": {"refresh": 1e6 / 59.94}}
     lines[0]["note"] = lines[1]["note"] = "lamp <off>"
-    page = report.page(lines, head, "out")
+    page = report.report_page(lines, head, "out")
     text = words(page)
     assert "1 recordings without findings, 1 to review, 2 to record again" in text
     assert "screen of 59.94 Hz" in text
@@ -63,7 +63,7 @@ def test_what_is_to_be_done_comes_first():
 
 
 def test_a_batch_without_a_recording():
-    text = words(report.page([line("a.avi", "failed", reason="no camera")], {}, "out"))
+    text = words(report.report_page([line("a.avi", "failed", reason="no camera")], {}, "out"))
     assert "0 recordings without findings, 0 to review, 1 to record again" in text
     assert "<img" not in text
 
@@ -71,7 +71,7 @@ def test_a_batch_without_a_recording():
 def test_the_page_of_a_folder(tmp_path):
     for name in ("contact-sheet-001.png", "contact-sheet-000.png"):
         (tmp_path / name).touch()
-    report.write_report([line("a.avi")], {}, tmp_path)
+    report.write_batch_report([line("a.avi")], {}, tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "a.avi" in page
     places = [
@@ -91,7 +91,7 @@ def test_charts_come_after_the_table_if_there_are_enough_recordings(monkeypatch)
 
     monkeypatch.setattr(report, "timeline", chart)
     lines = [line(f"{n}.avi") for n in range(report.FEWEST)]
-    page = report.page([*lines, line("x.avi", "failed", reason="")], {}, "out")
+    page = report.report_page([*lines, line("x.avi", "failed", reason="")], {}, "out")
     assert page.index("</table>") < page.index("Over the batch") < page.index("<img") < page.index("Terms")
     # the tightest of fixed limits and those relative to the median; no recording has a temperature
     assert drawn == {
@@ -103,7 +103,7 @@ def test_charts_come_after_the_table_if_there_are_enough_recordings(monkeypatch)
     }
     assert "clock drift, ppm" in words(page)
     drawn.clear()
-    assert "Over the batch" not in report.page(lines[1:], {}, "out")
+    assert "Over the batch" not in report.report_page(lines[1:], {}, "out")
     assert drawn == {}
 
 
@@ -126,7 +126,7 @@ def test_nothing_of_a_manifest_is_believed_to_be_a_number_or_harmless(strange):
         line("<i>a", "<u>x", reason=strange, events=strange, takes=strange, note=strange),
         line("b", look=[strange], duration=strange, sync=strange, content=strange),
     ]
-    page = report.page(lines, {"monitor": {"refresh": strange}}, "<s>", ["<p>.png"])
+    page = report.report_page(lines, {"monitor": {"refresh": strange}}, "<s>", ["<p>.png"])
     for tag in ("<i>", "<u>", "<b>", "<s>", 'href="<'):
         assert tag not in page
 

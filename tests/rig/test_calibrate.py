@@ -48,7 +48,7 @@ def test_figures_are_looked_for_and_written_by_one_process_alone(tmp_path, monke
             pass
         raise OSError("it was locked")
 
-    monkeypatch.setattr(session, "Davis", MagicMock())
+    monkeypatch.setattr("nvsdata.recording.session.Davis", MagicMock())
     monkeypatch.setattr(session, "Monitor", MagicMock())
     monkeypatch.setattr(session, "calibrate", MagicMock())
     monkeypatch.setattr(session, "replace", MagicMock())

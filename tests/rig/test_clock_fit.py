@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata import Events
-from nvsdata.rig.clock_fit import ONSET, ClockFit, NoSync, fit, flashes
+from nvsdata.rig.clock_fit import ONSET, ClockFit, NoSync, fit_clock, flashes
 
 FRAME = 1e6 / 60
 
@@ -48,7 +48,7 @@ def test_drift_and_offset_with_late_flashes_noise_and_a_video_between(seed):
     late = np.zeros(host.size)
     late[rng.choice(host.size, 3, replace=False)] = FRAME
     camera = offset + (1 + drift) * (host + late) + rng.normal(0, 50, host.size)
-    found = fit(seen(camera, bright, seed, video=(offset + 4e6, offset + 13e6)), host, bright)
+    found = fit_clock(seen(camera, bright, seed, video=(offset + 4e6, offset + 13e6)), host, bright)
     # the delay of the sensor is the camera's own: its mean here is that of the two directions
     delay = (800 + 1_500) / 2 - 700 * np.log(1 - ONSET)
     assert abs(found.camera(3e6) - delay - (offset + (1 + drift) * 3e6)) < 300
@@ -63,7 +63,7 @@ def test_a_clock_that_drifts_by_many_frames_during_a_long_video(drift, gap):
     after, down = shown(5e6 + gap)
     host, bright = np.concatenate((before, after)), np.concatenate((up, down))
     camera = 1e6 + (1 + drift) * host
-    found = fit(seen(camera, bright, video=(7e6, 9e6), noise=1_000), host, bright)
+    found = fit_clock(seen(camera, bright, video=(7e6, 9e6), noise=1_000), host, bright)
     assert found.drift == pytest.approx(drift, abs=1e-6)
     assert found.used == host.size
 
@@ -75,7 +75,7 @@ def test_a_fifth_of_the_flashes_a_frame_late_on_one_side():
     late = np.zeros(host.size)
     late[[1, 2, 7, 10, 12]] = FRAME
     camera = 3e6 + (1 + 50e-6) * (host + late)
-    found = fit(seen(camera, bright), host, bright)
+    found = fit_clock(seen(camera, bright), host, bright)
     assert abs(found.drift - 50e-6) < 5e-6
     assert found.used == host.size - 5
 
@@ -91,17 +91,17 @@ def test_what_shows_no_flashes_is_no_sync():
     t = np.sort(rng.integers(0, 5_000_000, 300_000))
     noise = Events(t, t % 240, t % 180, rng.integers(0, 2, t.size), (240, 180))
     with pytest.raises(NoSync, match=r"flashes"):
-        fit(noise, host, bright)
+        fit_clock(noise, host, bright)
     with pytest.raises(NoSync, match="0 events"):
-        fit(Events([], [], [], [], (240, 180)), host, bright)
+        fit_clock(Events([], [], [], [], (240, 180)), host, bright)
     with pytest.raises(NoSync, match="2 flashes"):
-        fit(noise, host[:2], bright[:2])
+        fit_clock(noise, host[:2], bright[:2])
 
 
 def test_another_clock_is_no_sync():
     host, bright = (np.concatenate(parts) for parts in zip(shown(1e6), shown(4e6), strict=True))
     with pytest.raises(NoSync):
-        fit(seen(1e6 + 1.002 * host, bright), host, bright)
+        fit_clock(seen(1e6 + 1.002 * host, bright), host, bright)
 
 
 def test_the_pattern_is_like_itself_nowhere_else():
@@ -122,12 +122,12 @@ def test_triggers_of_a_photodiode_with_others_between(seed):
     camera = 5e5 + (1 + 80e-6) * host
     times = camera[bright] + 300 + rng.normal(0, 20, bright.sum())
     others = rng.uniform(camera[0] + 2e6, camera[-1], 40)
-    found = fit(np.sort(np.concatenate((times[1:], others))).tolist(), host, bright)
+    found = fit_clock(np.sort(np.concatenate((times[1:], others))).tolist(), host, bright)
     assert abs(found.drift - 80e-6) < 5e-6
     assert abs(found.camera(2e6) - 300 - (5e5 + (1 + 80e-6) * 2e6)) < 50
     assert found.flashes == bright.sum()
     with pytest.raises(NoSync, match="0 triggers"):
-        fit([], host, bright)
+        fit_clock([], host, bright)
 
 
 def test_a_screen_that_changes_line_by_line_begins_when_its_first_line_does():
@@ -140,6 +140,6 @@ def test_a_screen_that_changes_line_by_line_begins_when_its_first_line_does():
     t, p = np.concatenate(t), np.concatenate(p)
     order = np.argsort(t)
     seen_so = Events(t[order].astype(np.int64), np.zeros(t.size, int), np.zeros(t.size, int), p[order], (240, 180))
-    found = fit(seen_so, host, bright)
+    found = fit_clock(seen_so, host, bright)
     assert abs(found.camera(1e6) - 1e6 - ONSET * 15_000) < 100
     assert abs(found.drift) < 5e-6

@@ -13,7 +13,7 @@ from nvsdata.rig.clock_fit import (
     _pattern,
     _Rates,
     _Triggers,
-    fit,
+    fit_clock,
     flashes,
 )
 
@@ -220,9 +220,9 @@ def test_how_many_flashes_must_be_seen(count, seen, told):
     times = (host + 5e5)[np.sort(np.r_[0 : seen // 2, count - (seen - seen // 2) : count])]
     if told is not None:
         with pytest.raises(NoSync, match=told):
-            fit(times.tolist(), host, bright)
+            fit_clock(times.tolist(), host, bright)
         return
-    found = fit(times.tolist(), host, bright)
+    found = fit_clock(times.tolist(), host, bright)
     assert (found.used, found.flashes) == (seen, count)
     assert found.camera(2e6) == pytest.approx(2.5e6, abs=1)
 
@@ -234,9 +234,9 @@ def test_how_far_off_a_clock_may_be(ppm, told):
     times = 3e6 + (1 + ppm * 1e-6) * host
     if told is not None:
         with pytest.raises(NoSync, match=told):
-            fit(times.tolist(), host, bright)
+            fit_clock(times.tolist(), host, bright)
         return
-    found = fit(times.tolist(), host, bright)
+    found = fit_clock(times.tolist(), host, bright)
     assert found.drift == pytest.approx(ppm * 1e-6, abs=1e-9)
     assert (found.used, found.offset) == (24, pytest.approx(3e6, abs=1))
 
@@ -245,4 +245,4 @@ def test_flashes_that_do_not_agree_in_time():
     host, bright = shown(24)
     times = host + 4e6 + np.arange(24) * 7 % 24 * 500.0
     with pytest.raises(NoSync, match=r"of 24 flashes only \d+ agree in time"):
-        fit(np.sort(times).tolist(), host, bright)
+        fit_clock(np.sort(times).tolist(), host, bright)

@@ -13,6 +13,7 @@ from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig import motion, playback, take
+from nvsdata.rig.cameras import Rig
 from nvsdata.rig.content import Content, Inspector, Span, TakeRejected, _compared
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.motion import emulated
@@ -47,11 +48,12 @@ def lab_of_one(tmp_path_factory):
         backend, look = Simulation().watched()
         folder = tmp_path_factory.mktemp("takes")
         with Monitor(window=(320, 240), look=look) as monitor:
+            rig = Rig(lambda: Davis.find(backend=backend), monitor, CameraSettings())
 
             def recorded(video):
                 with Davis.find(backend=backend) as camera:
-                    camera.configure(CameraSettings())
-                    one = take.record_screen(camera, monitor, video, folder / f"{video.stem}.h5", CameraSettings())
+                    camera.configure(rig.settings)
+                    one = take.record_screen(camera, rig, video, folder / f"{video.stem}.h5")
                 line = synced(one).line
                 ends = round(line.camera(one.performance.start)), round(line.camera(one.performance.stop))
                 return Span(one, nvsdata.open(one.raw), line, *ends)

@@ -15,8 +15,10 @@ from nvsdata import Events
 from nvsdata.batch.folder import Video, sha256, videos_in
 from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis.registers import CameraSettings
-from nvsdata.rig import batch, status, verification, watch
-from nvsdata.rig.take import TakeRejected
+from nvsdata.rig import batch, status, take, verification, watch
+from nvsdata.rig.batch import BatchOptions
+from nvsdata.rig.cameras import Rig
+from nvsdata.rig.take import TakeRejected, VideoRecorder
 
 DURATION = 10_000  # µs of each video
 MONITOR = SimpleNamespace(
@@ -40,7 +42,7 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
     """Record the folder; `fails` are the errors of its takes, in their order, None for one that succeeds."""
     fails, out = list(fails), folder / "out"
 
-    def taken(camera, monitor, video, raw, settings, *, live):
+    def taken(camera, rig, video, raw, *, live):
         raw.write_bytes(b"")
         return SimpleNamespace(performance=SimpleNamespace(truncated=None, log=dict))
 
@@ -55,12 +57,13 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
             "recording_sha256": sha256(target)
         }
 
-    monkeypatch.setattr(batch, "record_screen", taken)
-    monkeypatch.setattr(batch, "trim", cut)
+    monkeypatch.setattr(take, "record_screen", taken)
+    monkeypatch.setattr(take, "trim", cut)
     camera = SimpleNamespace(facts=SimpleNamespace(serial="x"), configure=lambda _: None, close=lambda: None)
     videos = videos_in(folder / "in", out)
-    with batch.manifest_of(out, CameraSettings(), "hdf5", MONITOR, videos, resume=resume) as manifest:
-        return batch.record_videos(videos, out, manifest, lambda: camera, MONITOR, CameraSettings())
+    rig, options = Rig(lambda: camera, MONITOR, CameraSettings()), BatchOptions(resume=resume, until_full=True)
+    with batch.manifest_of(out, videos, rig, options) as manifest:
+        return batch.record_videos(videos, manifest, rig, options)
 
 
 def lines(folder):
@@ -330,8 +333,8 @@ def test_a_last_take_that_fails_with_all_others_is_none_of_its_video(folder, mon
 
 
 def test_a_recording_that_is_cut_short_counts_as_failed_everywhere(folder, monkeypatch):
-    whole = batch._recorded
-    monkeypatch.setattr(batch, "_recorded", lambda *how: whole(*how) | {"status": "truncated", "reason": "cut off"})
+    whole, cut_off = VideoRecorder.record, {"status": "truncated", "reason": "cut off"}
+    monkeypatch.setattr(VideoRecorder, "record", lambda *how: whole(*how) | cut_off)
     report = recorded(folder, monkeypatch)
     assert (report.done, sorted(report.failed)) == (3, [f"run/{name}.avi" for name in "abc"])
     state = json.loads((folder / "out/status.json").read_text())
@@ -374,13 +377,13 @@ def test_a_good_video_that_is_gone_is_no_probe(folder, monkeypatch):
     waited, bad = [], TakeRejected("0 events")
     monkeypatch.setattr(MONITOR, "wait", waited.append)
     cutting = iter([lambda: None, *[lambda: (folder / "in/run/_.avi").unlink(missing_ok=True)] * 99])
-    recorded_ = batch._recorded
+    recorded_ = VideoRecorder.record
 
     def watched(*how):
         next(cutting)()
         return recorded_(*how)
 
-    monkeypatch.setattr(batch, "_recorded", watched)
+    monkeypatch.setattr(VideoRecorder, "record", watched)
     report = recorded(folder, monkeypatch, [None, *[bad] * 6])
     # the batch waits, and goes on
     assert (report.done, report.failed, len(waited)) == (4, {}, 1)

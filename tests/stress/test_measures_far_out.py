@@ -11,7 +11,7 @@ import torch
 from scipy.optimize import linear_sum_assignment
 
 from nvsdata import Events, metrics
-from nvsdata.kernels.metrics.distances import least_work, nearest
+from nvsdata.kernels.metrics.distances import least_work, nearest_spikes
 from nvsdata.models.prediction import vote
 from nvsdata.training.evaluation import share_right
 
@@ -202,5 +202,5 @@ def test_accuracy_of_many_samples_is_exact(count):
 def test_costs_beyond_the_limit_are_only_beyond_it():
     where = np.array([5]), np.array([5]), np.array([1])
     for limit in (0, 24, 25, 26):
-        cost = nearest(*where, np.array([8]), np.array([9]), np.array([1]), (20, 20), 1.0, limit)[0]
+        cost = nearest_spikes(*where, np.array([8]), np.array([9]), np.array([1]), (20, 20), 1.0, limit)[0]
         assert cost == 25 if limit >= 25 else cost > limit

@@ -61,7 +61,7 @@ def test_other_pipelines_to_test_on(monkeypatch):
     monkeypatch.syspath_prepend(RECIPES)
     args = Namespace(fps=30.0, frames=16)
     transfer, letters = (runpy.run_path(str(RECIPES / f"{name}.py")) for name in ("transfer_emulated", "sign_language"))
-    tests = transfer["test_pipeline"](args), letters["seen"](args), demo_training.pipeline(augmented=False)
+    tests = transfer["test_pipeline"](args), letters["test_transform"](args), demo_training.pipeline(augmented=False)
     assert [changes(pipeline) for pipeline in tests] == [[], [], []]
     trainings = transfer["train_pipeline"](args), T.Compose(letters["augmented"]())
     assert all(changes(pipeline) for pipeline in (*trainings, demo_training.pipeline(augmented=True)))

@@ -151,7 +151,7 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     rng = np.random.default_rng(0)
     votes = votes_of(rng.dirichlet([1, 1, 1], (2, 3, 50)), rng.integers(0, 3, 50).tolist())
     told, window = written(tmp_path, monkeypatch, capsys, votes, {7_500: 0.5, 30_000: 0.75}, T.RandomWindow(7_000))
-    assert told == f"report: {tmp_path / 'report.json'}, and 6 pictures\n"
+    assert told == f"report: {tmp_path / 'report.json'}, and 6 plots\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]
     assert (counts.sum(), names, title) == (100, CLASSES, "vote of 3, 50 recordings, 2 votes each")
@@ -179,7 +179,7 @@ def test_pictures_of_nothing_are_removed(tmp_path, monkeypatch, capsys, drawn):
         (tmp_path / name).write_bytes(b"old")
     votes = votes_of([[[[0.8, 0.1, 0.1]] * 4]], [0] * 4)
     told, window = written(tmp_path, monkeypatch, capsys, votes, {})
-    assert "and 3 pictures" in told
+    assert "and 3 plots" in told
     # as long as a picture of a camera takes
     assert window == T.RandomWindow(33_333)
     assert {path.name for path in tmp_path.glob("*.png")} == {"confusion.png", "classes.png", "calibration.png"}

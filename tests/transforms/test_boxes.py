@@ -260,7 +260,7 @@ def test_coarser_frames_take_boxes_along_or_say_that_they_cannot():
     # 15x10 pixels, of which the middle 8x8 are left
     assert [left, top, right, bottom] == [20 / 4 - 3, 12 / 4 - 1, 33 / 4 - 3, 25 / 4 - 1]
     pooled = T.Compose([T.ToFrames(1), torch.nn.AvgPool2d(2), T.RandomFlip(0, 1.0)])
-    with pytest.raises(ValueError, match="boxes can't follow: the sample has 30x20 pixels, and they lie on 60x40"):
+    with pytest.raises(ValueError, match="boxes can't follow: the sample has 30x20 pixels, and the boxes are on 60x40"):
         T.WithBoxes(pooled)(filled(), target(BOX))
     pooled(filled())
     apart = T.Compose([T.RandomWindows(2, 20), T.Each(T.RandomChoice([T.Crop(0, 0, 50, 40), T.Crop(0, 0, 40, 40)]))])

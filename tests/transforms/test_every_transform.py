@@ -205,7 +205,7 @@ def test_events_outside_their_sensor_are_refused(transform):
             transform(outside(where))
 
 
-INVALID = r"must lie between|outside the sensor|equally long|polarity"
+INVALID = r"must be between|outside the sensor|equally long|polarity"
 
 
 @pytest.mark.parametrize("where", OUTSIDE)

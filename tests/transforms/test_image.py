@@ -51,7 +51,7 @@ def test_multi_scale_crops_come_out_at_one_size():
     torch.manual_seed(0)
     crop = T.RandomCrop(24, (0.5, 0.667, 0.833, 1.0))
     assert {crop(torch.rand(160, 30, 40)).shape for _ in range(10)} == {(160, 24, 24)}
-    with pytest.raises(ValueError, match="40x30 holds no square of 50"):
+    with pytest.raises(ValueError, match="40x30 contains no square of 50"):
         T.CenterCrop(50)(torch.rand(30, 40))
 
 

@@ -219,7 +219,7 @@ def test_no_events_give_zeros_of_the_usual_shape(transform, shape):
         (lambda: T.DART(1), "rings must be"),
         (lambda: T.DART(nearest=5, furthest=5), "furthest must be more than nearest, not 5 <= 5"),
         (lambda: T.DART(queue=0), "queue must be"),
-        (lambda: T.RandomPolarityFlip(2), "p must lie between 0 and 1"),
+        (lambda: T.RandomPolarityFlip(2), "p must be between 0 and 1"),
     ],
 )
 def test_settings_out_of_range(make, reason):

@@ -9,12 +9,12 @@ from nvsdata.benchmarks.case import Case, Options
 # modules of this package, and their description in `nvsdata bench --help`
 TASKS = {
     "start": "time from the start of a process to its first result, and its memory",
-    "decode": "reading event files, entire and in windows; their size on disk",
+    "decode": "reading event files, entire and in windows, and their size on disk",
     "load": "loading samples with a DataLoader, from files and from a packed store",
     "graph": "converting events to graphs",
     "represent": "converting events to frames, voxel grids, time surfaces and other tensors",
     "emulate": "emulating events from frames",
-    "motion": "emulating events of a known motion; errors of their times",
+    "motion": "emulating events of a known motion, and errors of their times",
     "metrics": "distances between event streams",
     "layers": "single graph convolutions, forward and backward pass",
     "train": "training steps",

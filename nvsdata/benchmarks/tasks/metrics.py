@@ -93,10 +93,10 @@ def _near(count: int, run: Callable[..., Callable[[], Any]], *, checked: bool = 
 
 
 def _ours_nearest(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
-    from nvsdata.kernels.metrics.distances import nearest
+    from nvsdata.kernels.metrics.distances import nearest_spikes
 
     given: Any = *a, *b, size[::-1], 3.0, np.inf
-    return lambda: np.sqrt(nearest(*given))
+    return lambda: np.sqrt(nearest_spikes(*given))
 
 
 def _tree(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:

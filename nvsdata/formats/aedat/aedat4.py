@@ -33,7 +33,7 @@ from nvsdata.kernels.decode.aedat4 import aedat4_decode
 from nvsdata.kernels.decode.order import is_sorted
 
 EVENTS = ("t", "x", "y", "on")
-Content = TypeVar("Content")
+Packed = TypeVar("Packed")
 
 
 class Aedat4Recording(FileRecording):
@@ -187,8 +187,8 @@ class Aedat4Recording(FileRecording):
         return self._readable(self._packets("EVTS"), _events_of, "packets", some=True)
 
     def _readable(
-        self, packets: Iterator[tuple[int, memoryview]], read: Callable[[memoryview], Content], name: str, *, some: bool
-    ) -> Iterator[Content]:
+        self, packets: Iterator[tuple[int, memoryview]], read: Callable[[memoryview], Packed], name: str, *, some: bool
+    ) -> Iterator[Packed]:
         """Yield the result of `read` for each packet.
 
         If not strict, damaged packets are left out, and so is everything after a damaged size. But if `some` is true
@@ -301,7 +301,7 @@ class Aedat4Recording(FileRecording):
         """Return a new limit for packets that are decompressed together."""
         return Allowance(self._contents.size)
 
-    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], Content], left: Allowance) -> Content:
+    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], Packed], left: Allowance) -> Packed:
         """Return the result of `read` for a packet. FormatError if it is damaged, or expands to more than is `left`."""
         most = left.of(len(packet))
         try:
@@ -316,8 +316,8 @@ class Aedat4Recording(FileRecording):
             raise self._fault(at, error) from error
 
     def _samples(
-        self, kind: str, read: Callable[[memoryview], Content], start: int | None, stop: int | None
-    ) -> Iterator[Content]:
+        self, kind: str, read: Callable[[memoryview], Packed], start: int | None, stop: int | None
+    ) -> Iterator[Packed]:
         """Yield the result of `read` for the packets of a stream, without those outside the window by the table."""
         check_window(start, stop)
         if kind not in self._streams:

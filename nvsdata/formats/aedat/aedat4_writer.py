@@ -82,7 +82,7 @@ def write(pieces: Pieces, path: Path) -> None:
 
 
 def _packets(piece: Events) -> Iterator[tuple[int, bytes, Sequence[int] | np.ndarray]]:
-    """Yield stream, content and times of each packet of a piece."""
+    """Divide a piece of a recording into packets; yield the stream number, content and times of each."""
     for part in _parts(piece):
         yield EVENTS, _events(part), part.t
     if isinstance(piece, Piece):

@@ -62,7 +62,10 @@ class Evt21Recording(EvtRecording):
         self._reversed = stated[1].lower() == "little" if stated else self._seems_reversed()
 
     def _seems_reversed(self) -> bool:
-        """Return whether more words have a time in their second half than in their first; the other half is 0 then."""
+        """Return whether the two 32-bit halves of words are swapped in this file.
+
+        A time word has its time in the first half and zeros in the second one; swapped words have the opposite.
+        """
         halves = self.contents.read(self._byte(0), self._byte(min(self.records, LOOKED_AT))).view("<u4").reshape(-1, 2)
         first, second = np.count_nonzero((halves >> 28 == TIME) & (halves[:, ::-1] == 0), 0)
         return bool(second > first)

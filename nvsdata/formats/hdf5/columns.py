@@ -1,4 +1,4 @@
-"""Columns of HDF5 files: plain values are read directly, others by the HDF5 library."""
+"""Columns of HDF5 files: uncompressed values are read directly, others by the HDF5 library."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Column(ABC):
 
 
 class Plain(Column):
-    """A column of plain values in the file: `length` values at each of the offsets `places`."""
+    """An uncompressed column: `length` values are stored at each of the offsets `places`."""
 
     def __init__(self, file: OnDisk, name: str, kind: Any, size: int, places: Sequence[int], length: int) -> None:
         super().__init__(name, size)

@@ -178,7 +178,10 @@ def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
 
 
 def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
-    """Return the offsets of runs of a dataset's `count` plain values, and values per run; ([], 0) if it isn't plain."""
+    """Return the offsets at which the `count` values of an uncompressed dataset are stored, and the values per offset.
+
+    ([], 0) if the HDF5 library must read the dataset.
+    """
     if links_are_followed() or layout.get_nfilters() or not count:
         return [], 0
     offset = dataset.get_offset()

@@ -37,20 +37,23 @@ def clock_at(time: int, record: int) -> np.ndarray:
     return np.array((time, time, 0, 0, record, NONE, NONE, 0), np.int64)
 
 
-def nearest(raw: int, last: int, bits: int) -> int:
+def nearest_time(raw: int, last: int, bits: int) -> int:
     """Return the time nearest to `last` that a counter of `bits` bits shows as `raw`."""
     time: int = _native.nearest(raw, last, _checked(bits))
     return time
 
 
 def first_time(raw: int, bits: int) -> int:
-    """Return the time of a first word: its value, but -1 for 28 ones or more, which is what lost memory holds."""
+    """Return the time of a file's first word: its value, or -1 for 28 or more ones, which are erased memory."""
     time: int = _native.first_time(raw, _checked(bits))
     return time
 
 
 def is_jump(before: int, after: int, bits: int, back: int, silent: int) -> bool:
-    """Return True if no camera continues at `after`: over `back` earlier, below 0, or over `silent` across a wrap."""
+    """Return whether the step from time `before` to `after` is damage, because no camera makes it.
+
+    Such steps go back by more than `back`, to a negative time, or forward by more than `silent` across a wrap.
+    """
     jump: bool = _native.is_jump(before, after, _checked(bits), back, silent)
     return jump
 

@@ -1,4 +1,4 @@
-"""A pixel that compares with the level at its last event, one frame at a time: see `nvsdata.emulation.DVS`.
+"""Pixels that compare their level with that at their last event, frame by frame: see `nvsdata.emulation.DVS`.
 
 Arrays: `level`, `memory`, `reached`, `speed` of one float type [H, W], the last two only with a photoreceptor; frames
 uint8 [H, W * C]. Between frames a level is a line, so a pixel crosses thresholds in one direction only, and where

@@ -1,9 +1,9 @@
-"""B-spline aggregation: each edge adds shares of its source's features to the kernel cells of its target.
+"""B-spline aggregation: each edge adds its source's features, times weights, to the kernel cells of its target.
 
 Kernels are of degree 1 and have `size` cells along each of D axes; cell (i, j, ...) has the number i + size j + ....
 In all functions `source` and `target` are int64 [E], grouped by target; `u` is float32 or float64 [E, D], what is
-beyond [0, 1] counts as the end; other floats are of the same type. An edge has a share of up to 2^D cells, divided by
-the number of its target's edges; a share of 0 is no share.
+beyond [0, 1] counts as the end; other floats are of the same type. An edge has nonzero weights (shares) in up
+to 2^D cells; they are divided by the number of its target's edges.
 
 IndexError for edges and rows that name a node or a row that doesn't exist, ValueError for sizes that don't agree.
 """
@@ -18,7 +18,7 @@ MOST = 2**31 - 1  # rows and entries that an int32 can count
 
 
 def dense_sums(source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, features: np.ndarray) -> np.ndarray:
-    """Return the sums of shares of `features` [N, C] in every cell of every node: [N size^D, C]. O(2^D E C)."""
+    """Return the weighted sums of `features` [N, C] in every kernel cell of every node: [N size^D, C]. O(2^D E C)."""
     nodes, channels = features.shape
     cells = _cells(u, size, nodes)
     sums = np.zeros((nodes * cells, channels), features.dtype)
@@ -29,7 +29,7 @@ def dense_sums(source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int,
 def dense_gradient(
     source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, gradient: np.ndarray, nodes: int
 ) -> np.ndarray:
-    """Return the gradient of `dense_sums` by `features`, [N, C], from that by its result. O(2^D E C)."""
+    """Return the gradient with respect to `features` of `dense_sums`, [N, C], from that of its result. O(2^D E C)."""
     cells = _cells(u, size, nodes)
     if len(gradient) != nodes * cells:
         raise ValueError(f"{nodes} nodes with {cells} cells have no gradient of {len(gradient)} rows")
@@ -43,8 +43,8 @@ def spline_plan(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the rows of a graph's aggregation, sorted by kernel cell, and what is added to them.
 
-    A row is a (node, cell) pair that at least one edge touches; an entry adds a share of a source's features to a
-    row. O(2^D E + size^D + rows).
+    A row is a (node, cell) pair that at least one edge touches; an entry adds a source's features, times a weight,
+    to a row. O(2^D E + size^D + rows).
 
     Returns:
         `cell_start` int64 [size^D + 1]; `row_node` int64 [R]; and for each entry its row int32, source int32 and

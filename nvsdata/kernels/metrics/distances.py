@@ -37,7 +37,7 @@ def spikes(sums: np.ndarray, touched: np.ndarray, count: int) -> tuple[np.ndarra
     return x[:n], y[:n], total[:n]
 
 
-def nearest(
+def nearest_spikes(
     x: np.ndarray,
     y: np.ndarray,
     value: np.ndarray,

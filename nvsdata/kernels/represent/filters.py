@@ -11,9 +11,10 @@ LARGEST = 32_768  # pixels along an axis: a box of as many is the sensor
 
 
 def after_pause(t: np.ndarray, x: np.ndarray, y: np.ndarray, period: int, last: np.ndarray) -> np.ndarray:
-    """Return which events are at least `period` µs after the last one of their pixel that passed. O(N).
+    """Return the mask of the events at least `period` µs after the last kept event of their pixel. O(N).
 
-    `period` is at most 2^62; `last` int64 [H, W] are those, `NEVER` at first, and follow.
+    `period` is at most 2^62. `last` int64 [H, W] has the times of the last kept events, `NEVER` at first; it is
+    updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.after_pause(t, x, y, period, last, keep)
@@ -30,9 +31,10 @@ def first_of_boxes(
     box: np.ndarray,
     count: np.ndarray,
 ) -> np.ndarray:
-    """Return which events are the first `most` of their box of `side` x `side` pixels and `duration` µs. O(N).
+    """Return the mask of the first `most` events of each box of `side` x `side` pixels and `duration` µs. O(N).
 
-    `box` int64 [rows, columns] is the number of each place's last box, `NEVER` at first, and `count` how many it kept.
+    `box` int64 [rows, columns] has the number of the last box in time at each place, `NEVER` at first, and `count` the
+    number of events that it kept. Both are updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.first_of_boxes(t, x, y, min(side, LARGEST), duration, most, box, count, keep)
@@ -42,10 +44,11 @@ def first_of_boxes(
 def within_rate(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, side: int, interval: int, burst: int, due: np.ndarray
 ) -> np.ndarray:
-    """Return which events let no place exceed a rate: one per `interval` µs, after a pause up to `burst`. O(N).
+    """Return the mask of the events that don't exceed a rate in their cell. O(N).
 
-    Places have `side` x `side` pixels; `due` int64 [rows, columns] is when all that came so far would be over at this
-    rate, `NEVER` at first.
+    The rate is one event per `interval` µs; after a pause, up to `burst` events may follow each other faster. Cells
+    have `side` x `side` pixels. `due` int64 [rows, columns] is the time at which the kept events of a cell would have
+    ended at this rate, `NEVER` at first; it is updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.within_rate(t, x, y, min(side, LARGEST), interval, burst, due, keep)
@@ -53,9 +56,9 @@ def within_rate(
 
 
 def in_company(t: np.ndarray, x: np.ndarray, y: np.ndarray, shape: tuple[int, int], window: int) -> np.ndarray:
-    """Return which events are up to `window` µs, at most 2^62, after one of the eight pixels around. O(N + pixels).
+    """Return the mask of the events up to `window` µs after one at the eight pixels around. O(N + pixels).
 
-    `shape` is (H + 2, W + 2): a border of one pixel, so that none is outside.
+    `window` is at most 2^62. `shape` is (H + 2, W + 2), with a border so that all neighbors are inside.
     """
     keep = np.empty(t.size, np.bool_)
     _native.in_company(t, x, y, *shape, window, keep)
@@ -68,7 +71,7 @@ def count_into(x: np.ndarray, y: np.ndarray, out: np.ndarray) -> None:
 
 
 def in_rectangle(x: np.ndarray, y: np.ndarray, left: int, top: int, width: int, height: int) -> np.ndarray:
-    """Return which events lie in a rectangle of pixels. O(N)."""
+    """Return the mask of the events in a rectangle of pixels. O(N)."""
     inside = np.empty(x.size, np.bool_)
     _native.in_rectangle(x, y, left, top, left + width - 1, top + height - 1, inside)
     return inside

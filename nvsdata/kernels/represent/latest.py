@@ -1,4 +1,4 @@
-"""Images of what pixels last saw: latest times, and sums that leak. IndexError for events outside of them."""
+"""Images of the latest events of pixels: their times, and leaky sums. IndexError for events outside the image."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def leak_into(
 ) -> None:
     """Add `increment` to `value` for each event; values fall by `leak` per µs, not below 0. O(N).
 
-    `value` float64 and `since` int64, both [H, W], are the state: values, and when they were so.
+    `value` float64 and `since` int64, both [H, W], are the state: the values, and the times at which they had them.
     """
     _native.leak_into(t, x, y, increment, leak, value, since)
 
 
 def remember(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, times: np.ndarray, counts: np.ndarray) -> None:
-    """Put times into the rings `times` int64 [2, k, H, W], counted by `counts` int64 [2, H, W], ON first. O(N)."""
+    """Store times in ring buffers `times` int64 [2, k, H, W], ON first; `counts` int64 [2, H, W] counts them. O(N)."""
     _native.remember(t, x, y, p, times, counts)
 
 
 def logarithms(age: np.ndarray, known: np.ndarray, least: float, most: float) -> np.ndarray:
-    """Return `logarithms_of_ages` for ages int64 [N]: float32 [N], as of age `most` where they aren't `known`. O(N)."""
+    """Return log(age + 1) as in `logarithms_of_ages`, float32 [N], with `most` where an age isn't `known`. O(N)."""
     out = np.empty(age.size, np.float32)
     _native.logarithms(age, known, least, most, out)
     return out
@@ -50,7 +50,9 @@ def logarithms_of_ages(
     have: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Put log(age + 1), from `least` up to `most`, minus `least`, of pixels' latest events into `out` [2, k, H, W].
+    """Write log(age + 1) of each pixel's latest events to `out` [2, k, H, W], clipped to `least` .. `most`.
+
+    `least` is subtracted afterwards.
 
     Ages are those at `end`, ON and the latest event come first. `out` is float32, `have` int32 [2, H, W] is scratch, 0.
     O(N).
@@ -69,10 +71,11 @@ def queue_bins(
     within: np.ndarray,
     used: np.ndarray,
 ) -> None:
-    """Add times to queues of the latest bins of `duration` from `origin` on that have events, OFF first. O(N).
+    """Add times to queues, one per pixel, of the latest bins of `duration` µs that have events. O(N).
 
-    `bins` int64 [2, H, W, K], and `within` float64 [2, H, W, K, 2], the sum of times from a bin's beginning and their
-    number, are rings, in which `used` int64 [2, H, W] slots were ever begun.
+    Bins count from `origin`; OFF comes first. The ring buffers are `bins` int64 [2, H, W, K], the numbers of the bins,
+    and `within` float64 [2, H, W, K, 2], the sum of the times since the bin's beginning and their number. `used` int64
+    [2, H, W] counts the slots used so far.
     """
     _native.queue_bins(t, x, y, p, origin, duration, bins, within, used)
 
@@ -80,7 +83,7 @@ def queue_bins(
 def ages_of_bins(
     since: int, duration: int, bins: np.ndarray, within: np.ndarray, used: np.ndarray, out: np.ndarray
 ) -> None:
-    """Put 1 - log(1 + age) / 8.7, not below 0, of what `queue_bins` kept into `out`, the latest last.
+    """Write 1 - log(1 + age) / 8.7, at least 0, of the bins in the queues to `out`, the latest bin last.
 
     `out` is float32 [K, 2, H, W]. Ages are those `since` µs after the origin, in bins. O(pixels + kept bins).
     """
@@ -98,8 +101,8 @@ def latest_ticks(
     decay: float,
     out: np.ndarray,
 ) -> None:
-    """Put what is left of each pixel's latest event, as of 1, 2, ... ticks ago, into `out` [K, 2, H, W]. O(N K).
+    """Write the decayed value of each pixel's latest event, as of 1, 2, ... ticks ago, to `out` [K, 2, H, W]. O(N K).
 
-    float32: 1 in the tick of the event, and less by 1 / `decay` with each tick, not below 0. ON comes first.
+    The value (float32) is 1 in the tick of the event and falls by 1 / `decay` per tick, not below 0. ON comes first.
     """
     _native.latest_ticks(t, x, y, p, start, tick, now, decay, out)

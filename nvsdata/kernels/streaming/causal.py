@@ -1,4 +1,4 @@
-"""Network on causal graphs that follows events."""
+"""Incremental inference on causal graphs."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ TOGETHER = 4096  # events that are taken at once, so that rows of those that hav
 
 
 class CausalNetwork(LiveState):
-    """A network's rows for events whose neighbors are those before them: a row is computed once, when its event comes.
+    """Rows of a network on a causal graph: the rows of an event are computed once, when it arrives.
 
     Args:
         network: see `streaming_network`; only its last layer is pooled, by maxima.
-        age: µs up to an event from which its neighbors come, None for all before.
+        age: Largest age in µs of an event's neighbors, None for any age.
         shape: cells and channels of the pooled graph.
         units: of its first fully connected layer.
     """

@@ -135,7 +135,7 @@ class DavisDecoder:
         return int(self._state[kernel.NOW])
 
     def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> Events:
-        """Events of the next piece of the stream, with `start` 0 and `sensor_size` (width, height)."""
+        """Decode the next piece of the stream; return its events, with `start` 0 and `sensor_size` (width, height)."""
         piece = np.frombuffer(data, np.uint8)
         self._odd += piece.size % 2
         words = piece[: piece.size // 2 * 2].view("<u2")

@@ -1,4 +1,4 @@
-"""Windows in time, of which alone a Recording is decoded, and the windows of a pipeline."""
+"""Windows in time, for which only a part of a Recording is decoded; and the window length of a pipeline."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.apply import Change, SpatialTransform
 from nvsdata.transforms.rng import uniform
 
-Sample = TypeVar("Sample", Graph, Events, Boxes)
+Mirrored = TypeVar("Mirrored", Graph, Events, Boxes)
 Mapping = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
@@ -207,14 +207,14 @@ class RandomAffine(SpatialTransform):
 
 
 def affine(
-    sample: Sample | Recording,
+    sample: Mirrored | Recording,
     factor: float = 1.0,
     degrees: float = 0.0,
     dx: float = 0.0,
     dy: float = 0.0,
     shear: float = 0.0,
     stretch: float = 1.0,
-) -> Sample | Events:
+) -> Mirrored | Events:
     """Slant, stretch, scale and rotate about the sensor's center, in this order, then shift.
 
     Args:

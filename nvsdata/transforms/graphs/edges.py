@@ -100,7 +100,7 @@ class RadiusGraph:
         """Return the edges from earlier nodes to later ones."""
         width, height = int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1
         if width * height > LARGEST:
-            raise ValueError(f"nodes of a causal graph must lie in {LARGEST:,} pixels, not {width}x{height}")
+            raise ValueError(f"nodes of a causal graph must be within {LARGEST:,} pixels, not {width}x{height}")
         metric = float(self.radius), float(self.alpha), float(self.beta)
         return earlier_edges(t, x, y, (width, height), metric, int(self.max_degree))
 

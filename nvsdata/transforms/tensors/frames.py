@@ -113,7 +113,7 @@ class MotionCrop:
         return _most_active(frames, int(self.size))
 
     def with_boxes(self, frames: Any, boxes: Boxes) -> tuple[Any, Boxes]:
-        """Raise a ValueError: boxes can't follow."""
+        """Raise a ValueError, because the crop depends on the frames, and boxes can't be cropped alike."""
         raise boxes_part_ways("MotionCrop")
 
 
@@ -151,7 +151,7 @@ class FourCrops:
         return torch.stack((active, active.flip(-1), center, center.flip(-1)))
 
     def with_boxes(self, frames: Any, boxes: Boxes) -> tuple[Any, Boxes]:
-        """Raise a ValueError: boxes can't follow."""
+        """Raise a ValueError, because the crop depends on the frames, and boxes can't be cropped alike."""
         raise boxes_part_ways("FourCrops")
 
 

@@ -87,7 +87,7 @@ class MixedDensityStack:
     def __post_init__(self) -> None:
         whole("bins", self.bins, 1)
         if self.bins > 60:
-            raise ValueError(f"bins must be at most 60, not {self.bins}: a part of 2^-60 holds no µs")
+            raise ValueError(f"bins must be at most 60, not {self.bins}: a part of 2^-60 contains no µs")
         if self.most is not None:
             whole("most", self.most, 1)
 

@@ -232,7 +232,7 @@ def _with_room(image: Any, side: int) -> tuple[int, int]:
     """Return the (width, height) of an image. ValueError if it is smaller than a square of `side` pixels."""
     width, height = _size(image)
     if min(height, width) < side:
-        raise ValueError(f"an image of {width}x{height} holds no square of {side}")
+        raise ValueError(f"an image of {width}x{height} contains no square of {side}")
     return width, height
 
 

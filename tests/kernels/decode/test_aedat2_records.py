@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata.kernels.decode.aedat2 import DAVIS, DVS128, aedat2_decode, aedat2_encode
-from nvsdata.kernels.decode.clock import FELL, LAST, MIXED, NEXT, UNKNOWN, clock_at, nearest
+from nvsdata.kernels.decode.clock import FELL, LAST, MIXED, NEXT, UNKNOWN, clock_at, nearest_time
 
 CHIPS = {DVS128: (128, 128), DAVIS: (240, 180)}
 
@@ -22,7 +22,7 @@ def slow(records, layout, chip, size, time):
     """Columns of events, the first outside the sensor, and the last time."""
     events, bad = [], -1
     for i, (address, word) in enumerate(records):
-        time = int(nearest(word, time, 32))
+        time = int(nearest_time(word, time, 32))
         x, y, on, event = place_of(address, layout, chip)
         if event:
             bad = i if bad < 0 and not (0 <= x < size[0] and 0 <= y < size[1]) else bad

@@ -16,7 +16,7 @@ from nvsdata.kernels.decode.clock import (
     go_evenly,
     is_jump,
     kept_words,
-    nearest,
+    nearest_time,
     unwrap,
 )
 from nvsdata.kernels.decode.dat import dat_decode
@@ -143,7 +143,7 @@ def test_there_is_a_place_for_each_block():
 @pytest.mark.parametrize("bits", [-1, 0, 62, 64, 2**40])
 def test_counters_have_1_to_61_bits(bits):
     for ask in (
-        lambda: nearest(1, 2, bits),
+        lambda: nearest_time(1, 2, bits),
         lambda: first_time(1, bits),
         lambda: is_jump(1, 2, bits, 3, 4),
         lambda: kept_words(np.arange(3), bits, 5),

@@ -22,7 +22,7 @@ from nvsdata.kernels.decode.clock import (
     is_jump,
     kept_words,
     lasting,
-    nearest,
+    nearest_time,
     unwrap,
 )
 
@@ -57,7 +57,7 @@ def test_what_no_camera_writes(before, after, expected):
 def test_the_nearest_time_is_at_most_half_a_wrap_away():
     for last in range(40):
         for raw in range(16):
-            time = nearest(raw, last, 4)
+            time = nearest_time(raw, last, 4)
             assert time % 16 == raw
             assert -8 <= time - last < 8
 
@@ -215,7 +215,7 @@ def test_many_words_are_unwrapped_as_one_by_one():
         state, t, times = clock_at(start, 0), words.copy(), []
         unwrap(state, t, 100)
         for word in words.tolist():
-            times.append(nearest(word, times[-1] if times else start, 32))
+            times.append(nearest_time(word, times[-1] if times else start, 32))
         assert t.tolist() == times
         steps = list(pairwise([start, *times]))
         jumps = [is_jump(*step, 32, BACK_US, SILENT_US) for step in steps]

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from nvsdata.kernels.decode.clock import FELL, LAST, NEXT, UNKNOWN, clock_at, nearest
+from nvsdata.kernels.decode.clock import FELL, LAST, NEXT, UNKNOWN, clock_at, nearest_time
 from nvsdata.kernels.decode.dat import dat_decode
 
 FAR = 32_767  # beyond any place
@@ -41,7 +41,7 @@ def test_dat_records_decode_as_a_slow_decoder_does(version, size):
         assert found == (n, int(bad.argmax()) if bad.any() else -1)
         when = []
         for word in (t % 2**32).tolist():
-            when.append(int(nearest(word, when[-1] if when else last, 32)))
+            when.append(int(nearest_time(word, when[-1] if when else last, 32)))
         assert [column[1 : n + 1].tolist() for column in columns] == [when, x.tolist(), y.tolist(), p.tolist()]
         falls = any(b < a for a, b in pairwise([last, *when]))
         assert state[[LAST, NEXT, FELL]].tolist() == [when[-1] if when else last, 50 + n, falls]

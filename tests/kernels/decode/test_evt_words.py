@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from nvsdata.kernels.decode.clock import first_time, is_jump, nearest
+from nvsdata.kernels.decode.clock import first_time, is_jump, nearest_time
 from nvsdata.kernels.decode.evt import UNSEEN, count_shown
 from nvsdata.kernels.decode.evt2 import evt2_decode, evt2_encode, evt2_walk, evt21_count, evt21_decode, evt21_walk
 from nvsdata.kernels.decode.evt3 import evt3_count, evt3_decode, evt3_encode, evt3_walk
@@ -44,7 +44,7 @@ def slow(kind, words):
         code, some = (word >> 12, []) if kind == "evt3" else (word >> 28, [])
         if code == 8:
             raw = word & (2**bits - 1)
-            now = int(nearest(raw, high >> shift, bits) if high >= 0 else first_time(raw, bits)) << shift
+            now = int(nearest_time(raw, high >> shift, bits) if high >= 0 else first_time(raw, bits)) << shift
             if jump < 0 and (is_jump(high, now, bits + shift, 100_000, 300_000_000) if high >= 0 else now < 0):
                 jump = i
             low = low if now == high else 0

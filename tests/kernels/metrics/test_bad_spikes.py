@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.metrics.distances import cancel, least_work, nearest, spikes, sum_polarity
+from nvsdata.kernels.metrics.distances import cancel, least_work, nearest_spikes, spikes, sum_polarity
 
 ONE = np.ones(1, np.int64)
 
@@ -14,15 +14,15 @@ def test_spikes_outside_the_frame(bad, column):
     columns = [ONE] * 6
     columns[column] = bad * ONE
     with pytest.raises(IndexError):
-        nearest(*columns, (20, 20), 1.0, np.inf)
+        nearest_spikes(*columns, (20, 20), 1.0, np.inf)
 
 
 def test_spikes_of_other_sizes():
     with pytest.raises(ValueError, match="differ"):
-        nearest(ONE, ONE, ONE, ONE, ONE[:0], ONE, (20, 20), 1.0, np.inf)
+        nearest_spikes(ONE, ONE, ONE, ONE, ONE[:0], ONE, (20, 20), 1.0, np.inf)
     for shape in ((-1, 20), (20, 2**31)):
         with pytest.raises(ValueError, match="no frame"):
-            nearest(*[ONE] * 6, shape, 1.0, np.inf)
+            nearest_spikes(*[ONE] * 6, shape, 1.0, np.inf)
     with pytest.raises(ValueError, match="differ"):
         cancel(ONE, ONE, ONE, np.ones(2, np.int64))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.metrics.distances import cancel, nearest, spikes, sum_polarity
+from nvsdata.kernels.metrics.distances import cancel, nearest_spikes, spikes, sum_polarity
 
 
 def places(rng, shape, count, pattern):
@@ -31,7 +31,7 @@ def test_the_nearest_of_all_others_is_found(shape, pattern, share, limit):
     for weight in (0.0, 0.5, 4.0, 900.0):
         apart = [one[:, None] - other for one, other in zip(a, b, strict=True)]
         expected = (apart[0] ** 2 + apart[1] ** 2 + weight * apart[2] ** 2).min(1)
-        found = nearest(*a, *b, shape, weight, limit)
+        found = nearest_spikes(*a, *b, shape, weight, limit)
         near = expected <= limit
         assert found[near].tolist() == expected[near].tolist()
         assert (found[~near] > limit).all()

@@ -145,7 +145,7 @@ def test_odd_metrics_and_degrees():
         models.stream(trained(**SHAPE), graph=T.RadiusGraph(max_degree=10**6, causal=True))
     far = Graph(torch.ones(2, 1), torch.tensor([[0.0, 0.0], [32_767, 32_767]]), torch.zeros(2, dtype=torch.int64),
                 torch.empty((2, 0), dtype=torch.int64), torch.empty(0, 2))  # fmt: skip
-    with pytest.raises(ValueError, match="nodes of a causal graph must lie in 67,108,864 pixels, not 32768x32768"):
+    with pytest.raises(ValueError, match="nodes of a causal graph must be within 67,108,864 pixels, not 32768x32768"):
         GRAPHS[0](far)
 
 

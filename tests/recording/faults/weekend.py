@@ -37,7 +37,7 @@ from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.recording.simulated.scenes import PIXELS, Watched
 from nvsdata.recording.simulated.usb_backend import Backend
-from nvsdata.rig import batch, playback, take, watch
+from nvsdata.rig import cameras, playback, take, watch
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.sync import synced
 
@@ -262,14 +262,14 @@ def told_of(one: take.Take, line: dict, events: Events, camera: Camera) -> dict:
 def patched(day: Weekend, camera: Camera) -> None:
     """Put the lab before, behind and around the batch."""
     lab.hurry()
-    take.MOST_WRONG, watch.PAUSED, batch.RETRY = 50.0, 1_000_000, 300_000
-    record, cut, play, fade = batch.record_screen, batch.trim, playback._play, Monitor.fade
+    take.MOST_WRONG, watch.PAUSED, cameras.RETRY = 50.0, 1_000_000, 300_000
+    record, cut, play, fade = take.record_screen, take.trim, playback._play, Monitor.fade
     usage = shutil.disk_usage
 
-    def recorded(camera_, monitor, video, *how, **more):
+    def recorded(camera_, rig, video, *how, **more):
         day.begin(video)
         try:
-            return record(camera_, monitor, video, *how, **more)
+            return record(camera_, rig, video, *how, **more)
         except BaseException as error:
             day.write(failed=str(error) or type(error).__name__)
             raise
@@ -299,7 +299,7 @@ def patched(day: Weekend, camera: Camera) -> None:
         fade(*how, **more)
         day.fading = False
 
-    batch.record_screen, batch.trim, playback._play, Monitor.fade = recorded, cut_and_told, played, faded
+    take.record_screen, take.trim, playback._play, Monitor.fade = recorded, cut_and_told, played, faded
     pygame.display.flip = flip_of(pygame.display.flip)
     pygame.display.get_desktop_refresh_rates = lambda: [60]
     driver.SyncStream, Wire.weekend = Wire, day
