@@ -11,22 +11,34 @@ import numpy as np
 
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
+from nvsdata.emulation.correlation import BlockBootstrap, correlation, count_images, find_peak, pearson, pixel_index
 from nvsdata.emulation.dvs import DVS
 from nvsdata.emulation.imperfections import AT_WHITE
 from nvsdata.emulation.state import brightness
-from nvsdata.emulation.thresholds import FEWEST, check_noise, fit_thresholds, match_thresholds, polarity_counts
+from nvsdata.emulation.thresholds import (
+    FEWEST,
+    NAMES,
+    check_counts,
+    fit_thresholds,
+    match_dark,
+    match_thresholds,
+    polarity_counts,
+)
 from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
 from nvsdata.video.upsample import upsample_frames
 
-DARKS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 45.0)  # gray levels
-DELAYS = range(-10_000, 20_001, 1_000)  # µs
+DELAYS = range(-10_000, 20_001, 1_000)  # µs; delays that are tried first
+LATEST = 100_000  # µs; delays from minus to plus this are tried if the best isn't within `DELAYS`
 FOLLOWED = 0.1  # least correlation of polarities with changes of light for events that follow the frames
 CALM = 0.05  # change of ln(q + 3) up to which light counts as constant
 QUIET = 100.0  # pixels times seconds of constant light that an estimate of noise needs
 RAREST = 0.001  # fraction of the intervals within pixels that may be shorter than the refractory period
+ALONE = "delay=0 estimates leak and noise alone"
 SOONER = 2  # some emulated pixels must fire again this many times sooner than the sensor's
 SHARP = 1.25  # times that period: ten times as many intervals are shorter if it is a sharp limit
 REPEATED = 1_000  # intervals within pixels that an estimate of the refractory period needs
+WORSE = 0.02  # fall of the correlation from which an estimated leak isn't used
+ALIKE = 0.5  # correlation of adjacent pixels' changes of light below which they are the frames' own noise
 PER_PIXEL = 10  # events that an estimate of a pixel's own threshold needs
 
 
@@ -40,7 +52,13 @@ class Fit:
             which light reaches a threshold.
         correlation: Correlation of the numbers of events per pixel, emulated and real.
         thresholds: Thresholds of each pixel, OFF and ON, float64 [2, H, W]; NaN for pixels with too few events.
-        unidentified: Settings that couldn't be estimated and stay as they were, with the reason.
+        unidentified: Settings that couldn't be estimated and stay as they were, with the reason. If the best `dark` or
+            delay is where the search ends, it is a bound, and has a reason here, too; so has the threshold of a
+            polarity whose number of emulated events differs from the sensor's by more than 5% and chance.
+        intervals: 95% confidence intervals of `dark`, the thresholds and the delay, if they were estimated. They are
+            percentiles of a bootstrap over 64 blocks of pixels: each sample of blocks has its own `dark`, thresholds
+            and delay. They contain the effects of noise, mismatch and the choice of pixels, but no errors that all
+            blocks share, such as those of upsampling or blurred frames.
 
     Example:
         >>> import numpy as np
@@ -55,6 +73,7 @@ class Fit:
     correlation: float
     thresholds: np.ndarray
     unidentified: dict[str, str] = field(default_factory=dict)
+    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def fit(
@@ -68,7 +87,8 @@ def fit(
 ) -> Fit:
     """Estimate the thresholds, `dark`, refractory period, leak and noise of a sensor from frames and events.
 
-    The numbers of ON and OFF events determine the thresholds, by emulation. The places of events determine `dark`.
+    The numbers of ON and OFF events determine the thresholds, by emulation. The mean brightness at their pixels
+    determines `dark`: the higher it is, the fewer events dark pixels give.
     Events under constant light determine noise and leak, and the shortest intervals within pixels the refractory
     period.
 
@@ -76,8 +96,8 @@ def fit(
         frames: Frames, as `DVS.stream` takes them.
         events: Events of the same sensor and scene.
         times: Times of the frames in µs of the events' clock (default: the frames' own).
-        delay: Time in µs by which events follow the frames (default: estimated, between -10 and 20 ms). If it is given,
-            a still scene shows leak and noise.
+        delay: Time in µs by which events follow the frames (default: estimated, between -10 and 20 ms first, and up to
+            100 ms either way). If it is given, a still scene shows leak and noise.
         base: Settings that a pair doesn't show, such as `upsample` and `mismatch` (default: `DVS()`).
         noise: Whether leak and noise are estimated; if not, those of `base` stay, and thresholds explain all other
             events.
@@ -88,8 +108,8 @@ def fit(
 
     Raises:
         ValueError: There are fewer than 3 frames, frames and sensor differ in size, frames and events have no time in
-            common, nothing moves, events don't follow the light, or neither threshold can be determined and leak and
-            noise don't give as many events as the sensor.
+            common, nothing moves and `delay` isn't given, events don't follow the light, or neither threshold can be
+            determined and leak and noise don't give as many events as the sensor.
 
     Example:
         >>> import numpy as np
@@ -101,34 +121,45 @@ def fit(
         '0.20 0.30'
     """
     pair = _AlignedPair(list(frames_of(frames, times=times, color=False)), events, delay or 0)
-    known, delay = delay is not None, pair.delay() if delay is None else delay
-    real = pair.during(delay)
-    settings, other = base or DVS(), np.zeros(2)
+    base = base or DVS()
     unidentified: dict[str, str] = {}
-    if noise:
-        settings, other = _noise(settings, pair, real, unidentified)
+    intervals: dict[str, tuple[float, float]] = {}
+    known, still = delay is not None, delay is not None and noise and pair.still(delay)
+    if delay is None:
+        delay, intervals["delay"] = pair.delay()
+        if abs(delay) >= LATEST:
+            unidentified["delay"] = f"events follow the frames best at {delay} µs, where the search ends"
+    real = pair.during(delay)
+    settings, other = _noise(base, pair, real, unidentified, still) if noise else (base, np.zeros((2, 1, 1)))
+    if still:
+        unidentified |= dict.fromkeys(NAMES, "nothing moves, and only motion shows thresholds")
     # once for all trials
-    frames = list(upsample_frames(iter(pair.frames), settings.upsample))
-    needed = polarity_counts(real) - other
-    trial = replace(settings, upsample="none", leak=0.0, noise_rate=0.0, hot_pixels=0.0)
-    free = needed >= FEWEST
-    candidates = [match_thresholds(replace(trial, dark=dark), frames, needed, free) for dark in DARKS]
-    # they give the same numbers of events, and differ by where these are
-    best = max(candidates, key=lambda one: correlation(one.emulate(frames), real))
+    frames = list(upsample_frames(iter(pair.frames), base.upsample))
+    moved = count_images(real) - other
+    needed = moved.sum(axis=(1, 2))
+    free = (needed >= FEWEST) & (not still)
+    best, at_end = replace(base, upsample="none", leak=0.0, noise_rate=0.0, hot_pixels=0.0), False
+    if free.any():
+        best, found, at_end = match_dark(best, frames, pair.light.mean(axis=0), moved, free)
+        intervals |= found
+        settings = _useful_leak(settings, base, best, frames, real, free, unidentified)
     settings = _refractory(settings, best.emulate(frames), real, unidentified)
     # leak, noise and blindness change how many events a threshold gives
     given = replace(settings, upsample="none")
-    best = fit_thresholds(
-        replace(given, off=best.off, on=best.on, dark=best.dark), given, frames, real, needed, unidentified
-    )
-    found = best.emulate(frames)
-    if {"off", "on"} <= unidentified.keys():
-        check_noise(given.emulate(frames), real, unidentified)
-    elif known:
+    start = replace(given, off=best.off, on=best.on, dark=best.dark)
+    matched = fit_thresholds(start, given, frames, real, needed, unidentified)
+    intervals = {name: ends for name, ends in intervals.items() if name not in unidentified or name == "delay"}
+    for name in intervals.keys() & {*NAMES}:
+        scale = getattr(matched, name) / getattr(best, name)
+        intervals[name] = (intervals[name][0] * scale, intervals[name][1] * scale)
+    if at_end and "dark" in intervals:
+        unidentified["dark"] = f"{matched.dark:g} gray levels fit best, where the search ends"
+    emulated = matched.emulate(frames)
+    check_counts(emulated, real, unidentified, still)
+    if known and not still:
         pair.check_followed(delay)
-    names = [name for name in ("off", "on", "dark") if name not in unidentified]
-    settings = replace(settings, **{name: getattr(best, name) for name in names})
-    return Fit(settings, delay, correlation(found, real), _each(best, pair, real), unidentified)
+    settings = replace(matched, upsample=base.upsample)
+    return Fit(settings, delay, correlation(emulated, real), _each(matched, pair, real), unidentified, intervals)
 
 
 class _AlignedPair:
@@ -143,12 +174,14 @@ class _AlignedPair:
         start, stop = frames[0].time, frames[-1].time
         check_common((start, stop), events)
         cut = events.read if isinstance(events, Recording) else events.window
-        around = cut(start + min(DELAYS[0], delay), stop + max(DELAYS[-1], delay) + 1)
+        around = cut(start + min(-LATEST, delay), stop + max(LATEST, delay) + 1)
         columns = around.columns
         self.events = Events.trusted(columns._replace(t=columns.t - start), events.sensor_size, 0, stop - start)
+        self._pixels = pixel_index(self.events)
         self.frames = [frame._replace(time=frame.time - start) for frame in frames]
         self.gray = np.stack([brightness(frame) for frame in frames])
         self.light = np.log(self.gray + 3)
+        self._blocks = BlockBootstrap((height, width))
 
     def during(self, delay: int) -> Events:
         """Return the events that belong to the frames, at times without the delay."""
@@ -157,37 +190,55 @@ class _AlignedPair:
         columns = self.events.columns.take(inside)
         return Events.trusted(columns._replace(t=columns.t - delay), self.events.sensor_size, 0, last)
 
-    def delay(self) -> int:
-        """Return the delay at which polarities between frames are best correlated with the change of light."""
+    def delay(self) -> tuple[int, tuple[float, float]]:
+        """Return the delay at which polarities follow the change of light best, and its interval."""
         if (np.ptp(self.light, axis=0) < CALM).all():
             why = f"light changes by less than {CALM:.0%} at each pixel, and only motion shows thresholds and the delay"
-            raise ValueError(f"nothing moves in these frames: {why}; delay=0 looks for leak and noise alone")
-        found = [self._follows(delay) for delay in DELAYS]
-        if max(found) < FOLLOWED:
-            raise _unfollowed(f"{max(found):.2f} at best")
-        best = int(np.argmax(found))
-        if not 0 < best < len(found) - 1:
-            return DELAYS[best]
-        # the vertex of the parabola through the best delay and its neighbors
-        before, here, after = found[best - 1 : best + 2]
-        bend = before - 2 * here + after
-        return DELAYS[best] + round(DELAYS.step * 0.5 * (before - after) / bend) if bend else DELAYS[best]
+            raise ValueError(f"nothing moves in these frames: {why}; {ALONE}")
+        tried = {delay: self._follows(delay) for delay in DELAYS}
+        while max(tried, key=lambda delay: tried[delay][0]) == max(tried) < LATEST:
+            tried[max(tried) + DELAYS.step] = self._follows(max(tried) + DELAYS.step)
+        while max(tried, key=lambda delay: tried[delay][0]) == min(tried) > -LATEST:
+            tried[min(tried) - DELAYS.step] = self._follows(min(tried) - DELAYS.step)
+        found = np.stack([tried[delay] for delay in sorted(tried)])
+        if found[:, 0].max() < FOLLOWED:
+            raise self._unfollowed(f"{found[:, 0].max():.2f} at best")
+        peak = find_peak(np.array(sorted(tried), float), found)
+        return round(peak.places[0]), (peak.low, peak.high)
+
+    def still(self, delay: int) -> bool:
+        """Return True if light is constant apart from the frames' own noise, and events at a delay don't follow it."""
+        return self._noise_only() and self._follows(delay)[0] < FOLLOWED
 
     def check_followed(self, delay: int) -> None:
         """Raise ValueError unless polarities follow the light at a delay, significantly if events are few."""
-        found = self._follows(delay)
+        found = self._follows(delay)[0]
         if found < min(FOLLOWED, 5 / math.sqrt(self.light[1:].size)):
-            raise _unfollowed(f"{found:.2f} with a delay of {delay} µs")
+            raise self._unfollowed(f"{found:.2f} with a delay of {delay} µs")
 
-    def _follows(self, delay: int) -> float:
-        """Return the correlation of summed polarities with the change of light, mean over the frames."""
+    def _noise_only(self) -> bool:
+        """Return True if light changes independently at adjacent pixels; motion changes it alike."""
+        steps = np.diff(self.light, axis=0)
+        steps = steps - steps.mean(axis=(1, 2), keepdims=True)
+        rows = pearson(steps[:, 1:], steps[:, :-1])
+        return min(rows, pearson(steps[:, :, 1:], steps[:, :, :-1])) < ALIKE
+
+    def _follows(self, delay: int) -> np.ndarray:
+        """Return the correlation of summed polarities with the change of light, mean over the frames, [samples]."""
         found = []
         for k, (a, b) in enumerate(pairwise(frame.time + delay for frame in self.frames)):
             some = slice(*np.searchsorted(self.events.t, (a, b)))
             signs = 2.0 * self.events.p[some] - 1
-            sums = np.bincount(pixel_index(self.events)[some], signs, self.light[0].size)
-            found.append(_correlated(sums, (self.light[k + 1] - self.light[k]).ravel()))
-        return float(np.mean(found))
+            sums = np.bincount(self._pixels[some], signs, self.light[0].size).reshape(self.light[0].shape)
+            found.append(self._blocks.correlation(sums, self.light[k + 1] - self.light[k]))
+        return np.asarray(np.mean(found, axis=0))
+
+    def _unfollowed(self, correlation: str) -> ValueError:
+        hint = f"; if nothing moves, {ALONE}" if self._noise_only() else ""
+        return ValueError(
+            f"events don't follow the frames: their correlation is {correlation}; does anything move, and is it one "
+            f"clock?{hint}"
+        )
 
 
 def check_common(span: tuple[int, int], events: Events | Recording) -> None:
@@ -199,15 +250,11 @@ def check_common(span: tuple[int, int], events: Events | Recording) -> None:
         )
 
 
-def _unfollowed(correlation: str) -> ValueError:
-    return ValueError(
-        f"events don't follow the frames: their correlation is {correlation}; does anything move, and is it one clock?"
-    )
-
-
-def _noise(settings: DVS, pair: _AlignedPair, real: Events, unidentified: dict[str, str]) -> tuple[DVS, np.ndarray]:
-    """Return settings with leak and noise as under constant light, and their numbers of OFF and ON events."""
-    calm = np.ptp(pair.light, axis=0) < CALM
+def _noise(
+    settings: DVS, pair: _AlignedPair, real: Events, unidentified: dict[str, str], still: bool
+) -> tuple[DVS, np.ndarray]:
+    """Return settings with leak and noise as under constant light, and their OFF and ON events per pixel, [2, H, W]."""
+    calm = (np.ptp(pair.light, axis=0) < CALM) | still
     # the neighborhood of a moving edge isn't calm, either
     for axis in (0, 1):
         calm = calm & np.roll(calm, 1, axis) & np.roll(calm, -1, axis)
@@ -215,7 +262,7 @@ def _noise(settings: DVS, pair: _AlignedPair, real: Events, unidentified: dict[s
     if calm.sum() * seconds < QUIET:
         reason = f"light is constant for {calm.sum() * seconds:.0f} pixels times seconds, {QUIET:.0f} are needed"
         unidentified |= {"leak": reason, "noise_rate": reason}
-        return settings, np.zeros(2)
+        return settings, np.zeros((2, 1, 1))
     inside = calm.ravel()[pixel_index(real)]
     off, on = np.bincount(real.p[inside], minlength=2)[:2].tolist()
     # significantly more ON than OFF events are leak
@@ -224,8 +271,35 @@ def _noise(settings: DVS, pair: _AlignedPair, real: Events, unidentified: dict[s
     gray = np.exp(pair.light.mean(axis=0)) - 3
     share = 1 - (1 - AT_WHITE) * gray / 255
     rate = common / float(share[calm].mean())
-    total = np.array([rate * share.sum() / 2, rate * share.sum() / 2 + leak * share.size]) * seconds
-    return replace(settings, leak=round(float(leak), 4), noise_rate=round(float(rate), 4)), total
+    expected = np.stack((rate * share / 2, rate * share / 2 + leak)) * seconds
+    return replace(settings, leak=round(float(leak), 4), noise_rate=round(float(rate), 4)), expected
+
+
+def _useful_leak(
+    settings: DVS,
+    base: DVS,
+    best: DVS,
+    frames: list[VideoFrame],
+    real: Events,
+    free: np.ndarray,
+    unidentified: dict[str, str],
+) -> DVS:
+    """Return settings without a leak that makes the places of events worse.
+
+    With a leak, pixels begin at random phases, and many fire at changes far below a threshold: if frames have noise of
+    their own, everywhere.
+    """
+    if settings.leak == base.leak:
+        return settings
+    trials = [replace(best, leak=leak) for leak in (settings.leak, base.leak)]
+    found = [match_thresholds(trial, frames, polarity_counts(real), free)[1] for trial in trials]
+    leaky, other = (correlation(events, real) for events in found)
+    if leaky > other - WORSE:
+        return settings
+    unidentified["leak"] = (
+        f"with {settings.leak:g} Hz, frame noise moves events: their correlation is {leaky:.2f}, not {other:.2f}"
+    )
+    return replace(settings, leak=base.leak)
 
 
 def _refractory(settings: DVS, found: Events, real: Events, unidentified: dict[str, str]) -> DVS:
@@ -233,7 +307,7 @@ def _refractory(settings: DVS, found: Events, real: Events, unidentified: dict[s
 
     Real pixels hardly ever fire again within this time, though emulated ones, in `found`, do.
     """
-    gaps, ours = intervals(real), intervals(found)
+    gaps, ours = event_intervals(real), event_intervals(found)
     if min(gaps.size, ours.size) < REPEATED:
         unidentified["refractory"] = f"{min(gaps.size, ours.size)} intervals within pixels, {REPEATED} are needed"
         return settings
@@ -245,7 +319,7 @@ def _refractory(settings: DVS, found: Events, real: Events, unidentified: dict[s
     return replace(settings, refractory=int(least))
 
 
-def intervals(events: Events) -> np.ndarray:
+def event_intervals(events: Events) -> np.ndarray:
     """Return the intervals (µs) between successive events of each pixel."""
     order = np.lexsort((events.t, pixel_index(events)))
     return np.asarray(np.diff(events.t[order])[np.diff(pixel_index(events)[order]) == 0])
@@ -255,24 +329,5 @@ def _each(settings: DVS, pair: _AlignedPair, real: Events) -> np.ndarray:
     """Return each pixel's thresholds: the total rise or fall of its light per ON or OFF event."""
     steps = np.diff(np.log(pair.gray + settings.dark), axis=0)
     moved = np.stack((np.maximum(-steps, 0).sum(axis=0), np.maximum(steps, 0).sum(axis=0)))
-    counts = np.stack([np.bincount(pixel_index(real)[real.p == p], minlength=steps[0].size) for p in (0, 1)])
-    counts = counts.reshape(moved.shape)
+    counts = count_images(real)
     return np.where((counts >= PER_PIXEL) & (moved > 0), moved / np.maximum(counts, 1), np.nan)
-
-
-def pixel_index(events: Events) -> np.ndarray:
-    """Return the index y * width + x of each event's pixel."""
-    return events.y.astype(np.int64) * events.sensor_size[0] + events.x
-
-
-def correlation(ours: Events, real: Events) -> float:
-    """Return the correlation of the numbers of events per pixel; 0 if they are constant on one side."""
-    size = real.sensor_size[0] * real.sensor_size[1]
-    return _correlated(*(np.bincount(pixel_index(events), minlength=size).astype(float) for events in (ours, real)))
-
-
-def _correlated(a: np.ndarray, b: np.ndarray) -> float:
-    """Return Pearson's correlation coefficient; 0 if either is constant."""
-    a, b = a - a.mean(), b - b.mean()
-    scale = float(np.sqrt((a * a).sum() * (b * b).sum()))
-    return float((a * b).sum()) / scale if scale else 0.0

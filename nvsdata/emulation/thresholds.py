@@ -1,13 +1,15 @@
-"""Search for thresholds that give as many events as a real sensor."""
+"""Search for thresholds that give as many events as a real sensor, and for the `dark` that gives their places."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from nvsdata.data.events import Events
+from nvsdata.emulation.correlation import BlockBootstrap, count_images, interval
 from nvsdata.emulation.dvs import DVS
 from nvsdata.video.frames import VideoFrame
 
@@ -17,6 +19,11 @@ ROUNDS = 25
 NARROW, WIDE = 1e-4, 0.1  # logarithms: width below which a bracket is exhausted, and width to which it is opened again
 FEWEST = 100  # events of a polarity that its threshold needs
 NAMES = ("off", "on")
+DARKS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # gray levels that are tried first
+DARKEST, BRIGHTEST = 0.1, 1_000.0  # `dark` where its search ends
+REFINED = 2  # values of `dark` that are tried at the best place so far
+MIDDLE = 80.0  # gray level of a scene by which thresholds are scaled from one `dark` to the next
+STEP = 0.05  # step of a threshold's logarithm by which the slope of counts is measured
 
 
 def polarity_counts(events: Events) -> np.ndarray:
@@ -24,8 +31,8 @@ def polarity_counts(events: Events) -> np.ndarray:
     return np.bincount(events.p, minlength=2)[:2]
 
 
-def match_thresholds(trial: DVS, frames: list[VideoFrame], wanted: np.ndarray, free: np.ndarray) -> DVS:
-    """Return the settings with thresholds that give `wanted` events, or else the nearest that were tried.
+def match_thresholds(trial: DVS, frames: list[VideoFrame], wanted: np.ndarray, free: np.ndarray) -> tuple[DVS, Events]:
+    """Return the settings with thresholds that give `wanted` events, or else the nearest that were tried; their events.
 
     Args:
         trial: Settings to begin with.
@@ -35,18 +42,148 @@ def match_thresholds(trial: DVS, frames: list[VideoFrame], wanted: np.ndarray, f
     """
     brackets = _Bracket(), _Bracket()
     value = [math.log(trial.off), math.log(trial.on)]
-    best, nearest = trial, math.inf
+    best, nearest = (trial, Events.empty((1, 1))), math.inf
     wanted = np.maximum(wanted, 1)
     for _ in range(ROUNDS):
         off, on = map(math.exp, value)
         trial = replace(trial, off=off if free[0] else trial.off, on=on if free[1] else trial.on)
-        apart = np.where(free, np.log((polarity_counts(trial.emulate(frames)) + 1) / (wanted + 1)), 0)
+        found = trial.emulate(frames)
+        apart = np.where(free, np.log((polarity_counts(found) + 1) / (wanted + 1)), 0)
         if np.abs(apart).max() < nearest:
-            best, nearest = trial, float(np.abs(apart).max())
+            best, nearest = (trial, found), float(np.abs(apart).max())
         before, value = value, [b.next(*at) for b, *at in zip(brackets, value, apart.tolist(), strict=True)]
         if nearest < CLOSE or value == before:
             break
     return best
+
+
+class DarkFit(NamedTuple):
+    """Result of `match_dark`.
+
+    Args:
+        settings: Settings with the thresholds and `dark`.
+        intervals: 95% confidence intervals of `dark` and of the thresholds that are free.
+        at_end: Whether a `dark` beyond the search would fit better.
+    """
+
+    settings: DVS
+    intervals: dict[str, tuple[float, float]]
+    at_end: bool
+
+
+def match_dark(trial: DVS, frames: list[VideoFrame], light: np.ndarray, real: np.ndarray, free: np.ndarray) -> DarkFit:
+    """Return the settings that give as many events as the sensor, at pixels that are as bright on average.
+
+    Emulated events move to brighter pixels as `dark` rises, with thresholds matched at each value. Where the mean
+    logarithm of brightness equals that of the sensor's events is the result. Unlike the maximum of a correlation, it
+    isn't biased by noise, mismatch or upsampling that change numbers of events at random. Each sample of a bootstrap
+    over blocks of pixels has its own `dark`, and thresholds for its own number of events; their percentiles are the
+    intervals.
+
+    Args:
+        trial: Settings to begin with.
+        frames: Frames of the scene.
+        light: Logarithm of the mean brightness, [H, W].
+        real: Numbers of OFF and of ON events of each pixel that motion explains, [2, H, W].
+        free: Whether the thresholds OFF and ON may change.
+    """
+    profile = _Profile(trial, frames, light, real, free)
+    for dark in DARKS:
+        profile.add(dark)
+    while (more := profile.beyond()) is not None:
+        profile.add(more)
+    for _ in range(REFINED):
+        dark = float(f"{math.exp(profile.places()[0]):.3g}")
+        profile.add(dark)
+    return DarkFit(profile.tried[dark], profile.intervals(dark), not DARKEST < dark < BRIGHTEST)
+
+
+class _Profile:
+    """Values of `dark` that were tried, with their settings; parameters are those of `match_dark`."""
+
+    def __init__(
+        self, trial: DVS, frames: list[VideoFrame], light: np.ndarray, real: np.ndarray, free: np.ndarray
+    ) -> None:
+        self.trial, self.frames, self.free = trial, frames, free
+        self.tried: dict[float, DVS] = {}
+        self._blocks, self._light = BlockBootstrap(light.shape), light
+        self._wanted = real.sum(axis=(1, 2))
+        self._real, self._real_light = self._sums(real)
+        self._counts: dict[float, np.ndarray] = {}
+        self._apart: dict[float, np.ndarray] = {}
+
+    def _sums(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return numbers of events [2, samples], and the mean logarithm of brightness at those that are free."""
+        sums = np.stack([self._blocks.sums(some) for some in counts])
+        light = sum(self._blocks.sums(some * self._light) for some in counts[self.free])
+        return sums, np.asarray(light / np.maximum(sums[self.free].sum(axis=0), 1))
+
+    def add(self, dark: float) -> None:
+        """Match the thresholds at a value of `dark`, beginning with those of the nearest one."""
+        if dark in self.tried:
+            return
+        near = min(self.tried, key=lambda other: abs(math.log(dark / other)), default=None)
+        start = replace(self.trial, dark=dark)
+        if near is not None:
+            known, scale = self.tried[near], (MIDDLE + near) / (MIDDLE + dark)
+            off, on = (min(max(value * scale, LEAST), MOST) for value in (known.off, known.on))
+            start = replace(start, off=off if self.free[0] else start.off, on=on if self.free[1] else start.on)
+        self.tried[dark], events = match_thresholds(start, self.frames, self._wanted, self.free)
+        self._counts[dark], light = self._sums(count_images(events))
+        self._apart[dark] = light - self._real_light
+
+    def places(self) -> np.ndarray:
+        """Return the logarithm of the best `dark` of each sample; beyond the values tried it is the nearest of them."""
+        darks = sorted(self.tried)
+        # brightness rises with `dark`, but for rounding
+        apart = np.maximum.accumulate([self._apart[dark] for dark in darks])
+        above = (apart >= 0).argmax(axis=0)
+        right = np.where(apart[-1] < 0, len(darks) - 1, above).clip(1)
+        low, high = (np.take_along_axis(apart, index[None], 0)[0] for index in (right - 1, right))
+        share = np.divide(-low, high - low, out=np.zeros(low.size), where=high > low).clip(0, 1)
+        logs = np.log(darks)
+        return np.asarray(logs[right - 1] + share * (logs[right] - logs[right - 1]))
+
+    def beyond(self) -> float | None:
+        """Return a further value to try, unless the interval is inside those tried, or their limits are reached."""
+        least, most = min(self.tried), max(self.tried)
+        low, high = interval(self.places())
+        if high >= math.log(most) and most < BRIGHTEST:
+            return min(2 * most, BRIGHTEST)
+        if low <= math.log(least) and least > DARKEST:
+            return max(least / 2, DARKEST)
+        return None
+
+    def intervals(self, dark: float) -> dict[str, tuple[float, float]]:
+        """Return the intervals of `dark`, whose estimate is given, and of the thresholds that are free."""
+        darks, places = sorted(self.tried), self.places()
+        low, high = np.exp(interval(places)).tolist()
+        found = {"dark": (min(low, dark), max(high, dark))}
+        chosen = self.tried[dark]
+        for n, name in enumerate(NAMES):
+            if not self.free[n]:
+                continue
+            value = getattr(chosen, name)
+            higher = replace(chosen, **{name: value * math.exp(STEP)}).emulate(self.frames)
+            change = math.log((polarity_counts(higher)[n] + 1) / (self._counts[dark][n, 0] + 1))
+            # counts fall at least a bit, or no threshold could be found
+            slope = min(change / STEP, -0.1)
+            matched = [
+                math.log(getattr(self.tried[one], name))
+                + np.log((np.maximum(self._real[n], 0) + 1) / (self._counts[one][n] + 1)) / slope
+                for one in darks
+            ]
+            samples = _interpolated(places, np.log(darks), np.stack(matched))
+            found[name] = interval(value * np.exp(samples - samples[0]))
+        return found
+
+
+def _interpolated(places: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values [known, samples] at a place for each sample, linearly between the places that are known."""
+    right = np.searchsorted(known, places).clip(1, known.size - 1)
+    share = (places - known[right - 1]) / (known[right] - known[right - 1])
+    columns = np.arange(places.size)
+    return np.asarray(values[right - 1, columns] * (1 - share) + values[right, columns] * share)
 
 
 def fit_thresholds(
@@ -66,13 +203,13 @@ def fit_thresholds(
         unidentified: Reasons by setting; gets new ones.
     """
     for name, moved in zip(NAMES, needed, strict=True):
-        if moved < FEWEST:
+        if name not in unidentified and moved < FEWEST:
             unidentified[name] = f"{max(moved, 0):.0f} events of this polarity, at least {FEWEST} are needed"
     wanted = polarity_counts(real)
     while free := [name for name in NAMES if name not in unidentified]:
         start = replace(start, **{name: getattr(given, name) for name in NAMES if name not in free})
-        start = match_thresholds(start, frames, wanted, np.array([name in free for name in NAMES]))
-        counts = polarity_counts(start.emulate(frames))
+        start, found = match_thresholds(start, frames, wanted, np.array([name in free for name in NAMES]))
+        counts = polarity_counts(found)
         apart = {name: abs(math.log((counts[n] + 1) / (wanted[n] + 1))) for n, name in enumerate(NAMES) if name in free}
         # one at a time, because a threshold that can't be found spoils the other
         name = max(apart, key=lambda one: apart[one])
@@ -86,14 +223,30 @@ def fit_thresholds(
     return given
 
 
-def check_noise(found: Events, real: Events, unidentified: dict[str, str]) -> None:
-    """Raise ValueError unless settings without a threshold from the pair give as many events as the sensor."""
+def check_counts(found: Events, real: Events, unidentified: dict[str, str], still: bool) -> None:
+    """Compare the result's numbers of events with the sensor's, and add a mismatch to `unidentified`.
+
+    Args:
+        found: Events of the result.
+        real: Events of the sensor.
+        unidentified: Reasons by setting; gets new ones.
+        still: Whether light is constant.
+
+    Raises:
+        ValueError: There is a mismatch, neither threshold is from the pair, and something moves.
+    """
     ours, theirs = polarity_counts(found), polarity_counts(real)
     # and the spread of Poisson counts
-    if (np.abs(ours - theirs) > FAR * theirs + 4 * np.sqrt(ours + theirs)).any():
+    apart = np.abs(ours - theirs) > FAR * theirs + 4 * np.sqrt(ours + theirs)
+    if apart.any() and not still and {*NAMES} <= unidentified.keys():
         why = "; ".join(f"{name}: {unidentified[name]}" for name in NAMES)
         given = f"with those of `base` {ours.sum()} events are emulated for {theirs.sum()}"
-        raise ValueError(f"these frames and events determine neither threshold ({why}), and {given}")
+        way = "record motion, or, of a still scene, estimate leak and noise by noise=True and delay=0"
+        raise ValueError(f"these frames and events determine neither threshold ({why}), and {given}; {way}")
+    hint = ", because these frames have noise of their own: emulate their mean" if still else ""
+    for n in np.flatnonzero(apart):
+        reason = f"{ours[n]} events are emulated, the sensor has {theirs[n]}{hint}"
+        unidentified[NAMES[n]] = "; ".join(filter(None, (unidentified.get(NAMES[n]), reason)))
 
 
 class _Bracket:

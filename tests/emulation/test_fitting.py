@@ -95,12 +95,14 @@ def test_what_a_pair_does_not_tell_is_said():
     rising = events.select(events.p == 1) if hasattr(events, "select") else events[events.p == 1]
     found = fit(frames, rising, delay=0, base=DVS(off=0.77))
     assert found.settings.off == 0.77
-    assert found.unidentified["off"] == "0 events of this polarity, at least 100 are needed"
+    said = found.unidentified["off"]
+    ours = (found.settings.emulate(frames).p == 0).sum()
+    assert said == f"0 events of this polarity, at least 100 are needed; {ours} events are emulated, the sensor has 0"
     assert "on" not in found.unidentified
     moving = [replace_pixels(frame, 64) for frame in frames]
     cut = events[events.y < 64]
     cut = Events(cut.t, cut.x, cut.y, cut.p, (128, 64))
-    found = fit(moving, cut, delay=0, base=DVS(leak=0.3, refractory=7))
+    found = fit(moving, cut, delay=0, base=DVS(leak=0.3, refractory=7, upsample="flow"))
     assert set(found.unidentified) <= {"leak", "noise_rate", "refractory"}
     assert "light is constant for" in found.unidentified["leak"]
     assert found.settings.leak == 0.3
@@ -182,9 +184,63 @@ def test_a_still_scene_shows_no_thresholds():
     # frames change by their own noise only, which is no light
     for noise, dark in ((1, 20), (2, 20), (5, 1)):
         frames = still(noise, dark)
-        for given in ({}, {"delay": 0}, {"delay": 0, "noise": False}):
-            with pytest.raises(ValueError, match=r"events don't follow the frames|neither threshold"):
-                fit(frames, anywhere(1_795), **given)
+        with pytest.raises(ValueError, match=r"events don't follow the frames.*; if nothing moves, delay=0 estimates"):
+            fit(frames, anywhere(1_795))
+        with pytest.raises(ValueError, match=r"events don't follow the frames|neither threshold"):
+            fit(frames, anywhere(1_795), delay=0, noise=False)
+
+
+@pytest.mark.parametrize("noise", [2, 5])
+def test_leak_and_noise_are_found_in_a_still_scene_whose_frames_have_noise(noise):
+    frames = still(noise, dark=10)
+    mean = np.mean([frame.pixels for frame in frames], axis=0).round().astype(np.uint8)
+    mean = [frame._replace(pixels=mean) for frame in frames]
+    events = DVS(leak=2.0, noise_rate=4.0, seed=3).emulate(mean)
+    found = fit(frames, events, delay=0)
+    assert abs(found.settings.leak / 2 - 1) < 0.1
+    assert abs(found.settings.noise_rate / 4 - 1) < 0.1
+    # the frames' own noise gives many more events; that of their mean, as many as the sensor
+    assert len(found.settings.emulate(frames)) > 1.2 * len(events)
+    assert abs(len(found.settings.emulate(mean)) / len(events) - 1) < 0.03
+    assert found.unidentified["on"].startswith("nothing moves, and only motion shows thresholds; ")
+    assert found.unidentified["on"].endswith("because these frames have noise of their own: emulate their mean")
+    assert found.intervals == {}
+
+
+def test_intervals_contain_the_true_settings():
+    frames = [VideoFrame(1_000 * STEP * n, scene(STEP * n)) for n in range(FRAMES)]
+    rng, inside = np.random.default_rng(5), dict.fromkeys(("on", "off", "dark"), 0)
+    for seed in range(20):
+        on, off = rng.uniform(0.12, 0.4, 2)
+        true = DVS(on=on, off=off, dark=np.exp(rng.uniform(1, 4.5)), mismatch=0.1, noise_rate=1.0, seed=seed + 10)
+        found = fit(frames, true.emulate(frames), delay=0, base=DVS(mismatch=0.1, seed=seed))
+        for name in inside:
+            low, high = found.intervals[name]
+            assert low <= getattr(found.settings, name) <= high
+            inside[name] += low <= getattr(true, name) <= high
+    # of 95% intervals, 19 of 20
+    assert min(inside.values()) >= 17, inside
+
+
+def test_dark_is_searched_beyond_the_values_tried_first():
+    frames, _ = seen(DVS())
+    found = fit(frames, DVS(on=0.1, off=0.1, dark=130, mismatch=0.1, seed=1).emulate(frames), delay=0)
+    low, high = found.intervals["dark"]
+    assert 64 < low < 130 < high
+    assert "dark" not in found.unidentified
+    # a pixel that sees light, not its logarithm
+    found = fit(frames, DVS(on=0.002, off=0.002, dark=10_000).emulate(frames), delay=0)
+    assert found.settings.dark == 1_000
+    assert found.unidentified["dark"] == "1000 gray levels fit best, where the search ends"
+
+
+@pytest.mark.parametrize("delay", [-30_000, 37_000])
+def test_delays_are_searched_beyond_the_values_tried_first(delay):
+    frames, events = seen(DVS(on=0.1, off=0.1), delay)
+    found = fit(frames, events)
+    low, high = found.intervals["delay"]
+    assert low <= found.delay <= high
+    assert abs(found.delay - delay) < 1_500
 
 
 def test_events_that_do_not_follow_the_light_fit_no_thresholds():

@@ -96,21 +96,24 @@ def test_the_fitted_pixel_is_the_closest_to_a_hidden_one(pair, tmp_path):
     said = run("emulation_accuracy.py", pair, "--out", tmp_path, "--trials", 8)
     rows = {row.pop("emulator"): row for row in json.loads((tmp_path / "hidden.json").read_text())}
     assert list(rows) == [
-        *("PIX2NVS", "PIX2NVS, tuned", "textbook pixel", "DVS", "DVS, fitted", "DVS, fitted with noise"),
+        *("PIX2NVS", "PIX2NVS, tuned", "DVS, not fitted", "one threshold", "one threshold, dark, flow"),
+        *("thresholds", "thresholds, flow", "thresholds, dark", "DVS, fitted", "DVS, fitted with noise"),
     ]
-    fitted = rows["DVS, fitted"]
-    for name, row in rows.items():
+    for row in rows.values():
+        assert all(low <= value <= high for value, low, high in row.values())
+    fitted = {name: value[0] for name, value in rows["DVS, fitted"].items()}
+    for name in ("PIX2NVS", "PIX2NVS, tuned", "DVS, not fitted", "one threshold"):
+        row = {figure: value[0] for figure, value in rows[name].items()}
         assert name in said
-        if "fitted" not in name:
-            # one that fires too little comes close, but not back
-            both = (one["chamfer"] + one["chamfer_back"] for one in (fitted, row))
-            assert next(both) < next(both)
-            assert fitted["correlation"] > row["correlation"]
-    assert fitted["score"] == min(row["score"] for row in rows.values())
+        # one that fires too little comes close, but not back
+        assert fitted["chamfer"] + fitted["chamfer_back"] < row["chamfer"] + row["chamfer_back"]
+        assert fitted["correlation"] > row["correlation"]
     assert abs(fitted["on"] - 1) < 0.1
     assert abs(fitted["off"] - 1) < 0.15
     assert (tmp_path / "hidden.txt").read_text().splitlines()[0] == "hidden.npz"
-    assert cv2.imread(str(tmp_path / "hidden.png")).std() > 10
+    for half in ("first", "last"):
+        assert f"hidden.npz, {half} half: delay " in said
+        assert cv2.imread(str(tmp_path / f"hidden-{half}.png")).std() > 10
 
 
 def test_pairs_of_too_few_frames_are_refused(pair, tmp_path):

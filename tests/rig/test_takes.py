@@ -198,7 +198,7 @@ def moved(t):
         (moved(np.append(SOUND.t[:-1], 10**9)), "outside the video's 10000 µs"),
         (moved(SOUND.t + DURATION), "outside the video's 10000 µs"),
         (moved(SOUND.t - 1), "outside the video's 10000 µs"),
-        (SOUND[1:], "holds 49 events, not the 50 that were recorded"),
+        (SOUND[1:], "contains 49 events, not the 50 that were recorded"),
     ],
 )
 def test_verify_sees_events_that_were_not_recorded(folder, monkeypatch, events, fault):

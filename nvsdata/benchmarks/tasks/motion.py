@@ -11,7 +11,7 @@ import numpy as np
 from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.data.events import Events
 from nvsdata.emulation import DVS, PIX2NVS
-from nvsdata.emulation.fitting import pixel_index
+from nvsdata.emulation.correlation import pixel_index
 from nvsdata.video.frames import VideoFrame
 
 SIZE, SPEED, DURATION = (128, 96), 60.0, 0.4  # pixels, pixels/s, s

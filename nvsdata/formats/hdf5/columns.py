@@ -97,9 +97,10 @@ class Plain(Column):
 class Stored(Column):
     """A column, or a field of a table, that must be decoded: it is compressed, or its values aren't adjacent."""
 
-    def __init__(self, name: str, size: int, field: str | None = None) -> None:
+    def __init__(self, name: str, size: int, field: str | None = None, chunk: int = 0) -> None:
         super().__init__(name, size)
         self._field = field
+        self.chunk = chunk  # values per chunk, 0 if unknown
 
     def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.chunks(self.name).read(lo, max(lo, hi))
@@ -124,7 +125,8 @@ def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
         raise FormatError(file.path, f"/{name} is not a column of integers")
     places, length = places_of(dataset, layout, shape[0])
     if not places:
-        return Stored(name, shape[0])
+        chunked = layout.get_layout() == h5py.h5d.CHUNKED
+        return Stored(name, shape[0], chunk=layout.get_chunk()[0] if chunked else 0)
     return Plain(file, name, np.dtype(np.uint8) if kind.kind == "b" else kind, shape[0], places, length)
 
 

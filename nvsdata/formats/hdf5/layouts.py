@@ -10,7 +10,8 @@ nvsdata's own files:
 - attributes of `/`: `format` ("nvsdata-events"), `version`, `width`, `height`
 
 Compressed files (of the format `hdf5-gzip`, or by h5repack) are read, too. `hdf5-gzip` has chunks of 2^14 events,
-shuffled and deflated.
+shuffled and deflated, and `/events/starts`, the first time of each chunk, int64 µs: a window then reads only its own
+chunks. Starts that don't agree with the times that are read are not used.
 
 Other files: columns x, y, t, p in `/events` or `/`, optionally with `/t_offset` (DSEC), or one compound `/CD/events`
 (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`).
@@ -63,6 +64,7 @@ class Hdf5Recording(FileRecording):
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
         self._offset = 0  # µs that are added to times
+        self._starts: Column | None = None  # first time of each chunk
         self._file = OnDisk(path)
         with opened(path, "damaged HDF5") as file:
             kind = text_of(file, "format")
@@ -73,7 +75,7 @@ class Hdf5Recording(FileRecording):
             self._size = self._size or self._stated(file, kind == NAME)
             if kind == NAME and attribute(file, "start") is not None:
                 self._state_times((number_of(path, file, "start"), number_of(path, file, "end")))
-            self._columns = self._find(file)
+            self._columns = self._find(file, kind == NAME)
             promised = strict and (kind == NAME or self._promises_order(file))
         self._ordered = True if promised else None  # None: unknown
         lengths = {name: column.size for name, column in self._columns.items()}
@@ -89,7 +91,7 @@ class Hdf5Recording(FileRecording):
         """Return whether times never fall in this layout: Metavision's, and DSEC's with its index."""
         return any(found_in(self.path, file.id, name) is not None for name in ("CD/events", "ms_to_idx"))
 
-    def _find(self, file: Any) -> dict[str, Column]:
+    def _find(self, file: Any, own: bool) -> dict[str, Column]:
         if found_in(self.path, file.id, "CD/events") is not None:
             table = dataset_of(self.path, file, "CD/events")
             kinds = dict(table.dtype.fields or {}) if table.ndim == 1 else {}
@@ -106,7 +108,10 @@ class Hdf5Recording(FileRecording):
         if found_in(self.path, file.id, "t_offset") is not None:
             self._offset = self._stated_offset(file)
         left = Allowance(self._file.size)
-        return {name: column_of(self._file, f"{home}/{name}".lstrip("/"), found[name], left) for name in TYPES}
+        columns = {name: column_of(self._file, f"{home}/{name}".lstrip("/"), found[name], left) for name in TYPES}
+        if own and (starts := found_in(self.path, place, "starts")) is not None:
+            self._starts = column_of(self._file, f"{home}/starts", starts, left)
+        return columns
 
     def _stated_offset(self, file: Any) -> int:
         value = values_of(self.path, dataset_of(self.path, file, "t_offset"))
@@ -148,19 +153,36 @@ class Hdf5Recording(FileRecording):
         return t
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode a window found by bisection over t; return None if the times around it are out of order."""
-        t = self._columns["t"]
+        """Decode a window; return None if the times around it are out of order."""
         with ColumnFile(self._file) as source:
             if not self._in_order(source):
                 return None
-            before, _ = bisected(t, source, start - self._offset)
-            _, after = bisected(t, source, stop - self._offset)
-            first, last = max(before - AROUND, 0), min(after + AROUND, t.size)
-            around = self._times(source, first, last)
-            lo, hi = around.searchsorted((start, stop)).tolist()
-            if not self._rises or (lo == 0 < first) or (hi == around.size and last < t.size):
-                return None
-            return self._events(source, first + lo, around[lo:hi])
+            chunks = self._chunks(source, start, stop)
+            found = self._within(source, start, stop, *chunks) if chunks else None
+            return found or self._within(source, start, stop, *self._bisected(source, start, stop))
+
+    def _within(self, source: ColumnFile, start: int, stop: int, first: int, last: int) -> Columns | None:
+        """Decode a window within events first..last; None if they are out of order, or don't reach beyond it."""
+        around = self._times(source, first, last)
+        lo, hi = around.searchsorted((start, stop)).tolist()
+        if not self._rises or (lo == 0 < first) or (hi == around.size and last < self._columns["t"].size):
+            return None
+        return self._events(source, first + lo, around[lo:hi])
+
+    def _chunks(self, source: ColumnFile, start: int, stop: int) -> tuple[int, int] | None:
+        """Return the range of the chunks that a window is in, by their first times; None if they aren't stored."""
+        t, starts = self._columns["t"], self._starts
+        if starts is None or not isinstance(t, Stored) or not t.chunk or starts.size != -(-t.size // t.chunk):
+            return None
+        times = starts.read(source, 0, starts.size).astype(np.int64)
+        first, last = times.searchsorted((start, stop)).tolist()
+        return max(first - 1, 0) * t.chunk, min(last * t.chunk, t.size)
+
+    def _bisected(self, source: ColumnFile, start: int, stop: int) -> tuple[int, int]:
+        t = self._columns["t"]
+        before, _ = bisected(t, source, start - self._offset)
+        _, after = bisected(t, source, stop - self._offset)
+        return max(before - AROUND, 0), min(after + AROUND, t.size)
 
     def _in_order(self, source: ColumnFile) -> bool:
         """Return whether times never fall; unless the layout ensures it, all times are checked, once."""

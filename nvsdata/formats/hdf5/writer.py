@@ -108,7 +108,7 @@ def _write_chunks(
 ) -> int:
     """Write pieces that fill a chunk each, with a `check` of the disk after each; return the offset of times in µs."""
     datasets = {name: writer.create(name, kind) for name, kind in kinds.items()}
-    count = 0
+    count, starts = 0, []
     for piece in pieces:
         if not piece.t.size:
             continue
@@ -119,6 +119,9 @@ def _write_chunks(
             writer.add(dataset, count, values)
         check()
         count += piece.t.size
+        starts.append(int(piece.t[0]))
+    if writer.compressed:
+        writer.file.create_dataset("events/starts", data=np.array(starts, np.int64))
     return offset
 
 

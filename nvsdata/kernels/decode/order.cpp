@@ -68,15 +68,13 @@ bool is_sorted(Span<const i64> t) {
 }
 
 i64 late(Span<const i64> t, Span<i64> found) {
-    i64 count = 0, latest = t.empty() ? 0 : t[0];
+    i64 count = 0, n = t.size(), latest = t.empty() ? 0 : t[0];
     if (found.empty()) return 0;
-    for (i64 i = 0; i < t.size(); ++i) {
-        if (t[i] >= latest) {
-            latest = t[i];
-        } else {
-            found[count++] = i;
-            if (count == found.size()) break;
-        }
+    for (i64 i = 0; i < n; ++i) {
+        // a loop of its own, because most times rise
+        for (; i < n && t[i] >= latest; ++i) latest = t[i];
+        if (i < n) found[count++] = i;
+        if (count == found.size()) break;
     }
     return count;
 }

@@ -54,7 +54,7 @@ def moved(t: np.ndarray, moves: np.ndarray, sigma: float, start: int, end: int) 
 
 def copy_where(keep: np.ndarray, *columns: np.ndarray) -> None:
     """Copy the events, columns t, x, y, p, at which `keep` is true to others, which need room for one more. O(N)."""
-    _native.copy_where(keep.view(np.uint8), *columns)
+    _native.copy_where(keep, *columns)
 
 
 def copy_at(index: np.ndarray, *columns: np.ndarray) -> None:

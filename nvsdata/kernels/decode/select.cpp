@@ -7,18 +7,20 @@
 
 namespace nvsdata {
 
-void copy_where(Span<const u8> keep, Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p,
+void copy_where(Span<const bool> keep, Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p,
                 Span<i64> to_t, Span<i16> to_x, Span<i16> to_y, Span<u8> to_p) {
     Events from{t, x, y, p};
     i64 room = to_t.size();
     Columns to{to_t, to_x, to_y, to_p, 0, room};
     require(keep.size() == from.size(), "the mask must be as long as the columns");
+    // bytes, because those of an array that was viewed as bool may be any
+    Span<const u8> bytes(reinterpret_cast<const u8*>(keep.data()), keep.size());
     i64 kept = 0;
     for (i64 i = 0; i < from.size() && kept < room;)
         // as many as fit if all are kept; without a branch: what isn't kept is written over
         for (i64 stop = std::min(from.size(), i + room - kept); i < stop; ++i) {
             from.copy(i, to, kept);
-            kept += keep[i] != 0;
+            kept += bytes[i] != 0;
         }
 }
 
@@ -40,8 +42,7 @@ void copy_at(Span<const Index> index, Span<const i64> t, Span<const i16> x, Span
 
 void define_select(nb::module_& module) {
     define<copy_where>(module, "copy_where");
-    define<copy_at<i32>>(module, "copy_at");
-    define<copy_at<i64>>(module, "copy_at");
+    define<copy_at<i32>, copy_at<i64>>(module, "copy_at");
 }
 
 }  // namespace nvsdata

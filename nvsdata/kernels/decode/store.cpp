@@ -146,8 +146,7 @@ i64 stored_window(Span<i64> out_t, Span<i16> out_x, Span<i16> out_y, Span<u8> ou
 }
 
 void define_store(nb::module_& module) {
-    define<marked_range<u32>>(module, "marked_range");
-    define<marked_range<i64>>(module, "marked_range");
+    define<marked_range<u32>, marked_range<i64>>(module, "marked_range");
     define<read_window>(module, "read_window");
     define<stored_window>(module, "stored_window");
 }

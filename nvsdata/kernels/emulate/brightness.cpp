@@ -72,8 +72,7 @@ void logarithm_of(Span<const Thousandths> thousandths, double t_log, double slop
 }
 
 void define_brightness(nb::module_& module) {
-    define<logarithm_of<i32>>(module, "logarithm");
-    define<logarithm_of<float>>(module, "logarithm");
+    define<logarithm_of<i32>, logarithm_of<float>>(module, "logarithm");
     define<level>(module, "cpu_level");
 }
 

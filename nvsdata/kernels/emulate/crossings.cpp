@@ -212,8 +212,7 @@ Keys::Result advance(Rows<const u8> frame, Rows<const u8> previous, i64 first_we
 }
 
 void define_crossings(nb::module_& module) {
-    define<advance<float>>(module, "advance");
-    define<advance<double>>(module, "advance");
+    define<advance<float>, advance<double>>(module, "advance");
 }
 
 }  // namespace nvsdata

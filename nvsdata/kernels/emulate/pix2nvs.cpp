@@ -332,13 +332,10 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
 }
 
 void define_pix2nvs(nb::module_& module) {
-    define<luminance<float>>(module, "luminance");
-    define<luminance<double>>(module, "luminance");
+    define<luminance<float>, luminance<double>>(module, "luminance");
     define<contrast>(module, "contrast");
-    define<look_at<float>>(module, "look_at");
-    define<look_at<double>>(module, "look_at");
-    define<next_frame<float>>(module, "next_frame");
-    define<next_frame<double>>(module, "next_frame");
+    define<look_at<float>, look_at<double>>(module, "look_at");
+    define<next_frame<float>, next_frame<double>>(module, "next_frame");
 }
 
 }  // namespace nvsdata

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "../native/bind.h"
+#include "../native/levels.h"
 #include "../native/wrap.h"
 #include "edges.h"
 
@@ -10,19 +11,40 @@ namespace nvsdata {
 
 namespace {
 
-// Pseudo-coordinates of edges, along x, y and, if there are three, t.
-struct Pseudo {
-    Rows<const float> pos;
-    Span<const i64> t;
-    float wide, high, longest;  // differences that count as 1
-    bool is_signed;
-
-    void place(Span<float> out, i64 source, i64 target) const {
-        out[0] = pseudo_coordinate((pos(source, 0) - pos(target, 0)) / wide, is_signed);
-        out[1] = pseudo_coordinate((pos(source, 1) - pos(target, 1)) / high, is_signed);
-        if (out.size() == 3) out[2] = pseudo_coordinate(float(minus(t[source], t[target])) / longest, is_signed);
+// Fills `out` with the pseudo-coordinates of edges, along x, y and, if there are three, t; false for no such node.
+template <bool is_signed, int axes>
+bool place_edges(Rows<const float> pos, Span<const i64> t, Rows<const i64> edges, float wide, float high, float longest,
+                 Rows<float> out) {
+    u64 nodes = u64(pos.rows());
+    Span<const i64> source = edges[0], target = edges[1];
+    Span<const float> at = pos.flat();
+    Span<float> to = out.flat();
+    for (i64 e = 0; e < edges.columns(); ++e) {
+        i64 j = source[e], i = target[e];
+        if (u64(j) >= nodes || u64(i) >= nodes) return false;
+        to[axes * e] = pseudo_coordinate((at[2 * j] - at[2 * i]) / wide, is_signed);
+        to[axes * e + 1] = pseudo_coordinate((at[2 * j + 1] - at[2 * i + 1]) / high, is_signed);
+        if (axes == 3) to[axes * e + 2] = pseudo_coordinate(float(minus(t[j], t[i])) / longest, is_signed);
     }
-};
+    return true;
+}
+
+// Whether all nodes exist and all values are finite, and whether targets never fall; without exits, so that loops are
+// vectorized.
+template <class Float>
+NVSDATA_INLINE void look_over(const i64* source, const i64* target, i64 edges, const Float* u, i64 values, i64 nodes,
+                              bool* sound, bool* sorted) {
+    using Bits = std::conditional_t<sizeof(Float) == 4, i32, i64>;
+    constexpr Bits infinity = sizeof(Float) == 4 ? Bits(0x7F800000) : Bits(0x7FF0000000000000);
+    i64 signs = 0, falls = 0;
+    for (i64 e = 0; e < edges; ++e)
+        signs |= source[e] | target[e] | minus(nodes - 1, source[e]) | minus(nodes - 1, target[e]);
+    for (i64 e = 1; e < edges; ++e) falls |= target[e] < target[e - 1];
+    Bits infinite = 0;
+    for (i64 k = 0; k < values; ++k) infinite |= Bits((bits_of<Bits>(u[k]) & infinity) == infinity);
+    *sound = signs >= 0 && !infinite;
+    *sorted = !falls;
+}
 
 }  // namespace
 
@@ -46,29 +68,39 @@ bool pseudo_coordinates(Rows<const float> pos, Span<const i64> t, Rows<const i64
     require(pos.columns() == 2 && t.size() == pos.rows(), "nodes must have two coordinates and a time");
     require(edges.rows() == 2 && out.rows() == edges.columns(), "edges must have two nodes, and a row of the result");
     require(out.columns() == 2 || out.columns() == 3, "an edge must have two pseudo-coordinates or three");
-    Pseudo pseudo{pos, t, float(wide), float(high), float(longest), is_signed};
-    u64 nodes = u64(pos.rows());
-    for (i64 e = 0; e < edges.columns(); ++e) {
-        i64 j = edges(0, e), i = edges(1, e);
-        if (u64(j) >= nodes || u64(i) >= nodes) return false;
-        pseudo.place(out[e], j, i);
+    auto place = [&](auto loop) { return loop(pos, t, edges, float(wide), float(high), float(longest), out); };
+    if (out.columns() == 2) return is_signed ? place(place_edges<true, 2>) : place(place_edges<false, 2>);
+    return is_signed ? place(place_edges<true, 3>) : place(place_edges<false, 3>);
+}
+
+void event_nodes(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 start,
+                 Rows<float> feature, Rows<float> pos, Span<i64> since) {
+    i64 n = t.size();
+    require(x.size() == n && y.size() == n && p.size() == n && since.size() == n, "columns must be equally long");
+    require(feature.rows() == n && feature.columns() == 1 && pos.rows() == n && pos.columns() == 2,
+            "an event must have a polarity and two coordinates");
+    Span<float> signs = feature.flat(), places = pos.flat();
+    for (i64 i = 0; i < n; ++i) {
+        signs[i] = float(2 * p[i] - 1);
+        places[2 * i] = x[i], places[2 * i + 1] = y[i];
+        since[i] = minus(t[i], start);
     }
-    return true;
 }
 
 template <class Float>
 int check_edges(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 nodes) {
     require_edges(source, target, u.rows());
-    int code = 0;
-    i64 last = 0;
+    bool sound, sorted;
+    best<look_over<Float>>(source.data(), target.data(), source.size(), u.data(), u.rows() * u.columns(), nodes, &sound,
+                           &sorted);
+    if (sound) return sorted ? 0 : 1;
+    // what is wrong with the first edge that is
     for (i64 e = 0; e < source.size(); ++e) {
         if (u64(source[e]) >= u64(nodes) || u64(target[e]) >= u64(nodes)) return 2;
         for (Float value : u[e])
             if (!std::isfinite(value)) return 3;
-        if (target[e] < last) code = 1;
-        last = target[e];
     }
-    return code;
+    return 0;
 }
 
 template <class Float>
@@ -91,11 +123,10 @@ void with_self_loops(Span<const i64> source, Span<const i64> target, Rows<const 
 
 void define_edges(nb::module_& module) {
     define<listed_edges>(module, "listed_edges");
+    define<event_nodes>(module, "event_nodes");
     define<pseudo_coordinates>(module, "pseudo_coordinates");
-    define<check_edges<float>>(module, "check_edges");
-    define<check_edges<double>>(module, "check_edges");
-    define<with_self_loops<float>>(module, "with_self_loops");
-    define<with_self_loops<double>>(module, "with_self_loops");
+    define<check_edges<float>, check_edges<double>>(module, "check_edges");
+    define<with_self_loops<float>, with_self_loops<double>>(module, "with_self_loops");
 }
 
 }  // namespace nvsdata

@@ -29,9 +29,9 @@ def event_graph(
     """
     edges = near_edges(t, x, y, radius, alpha, beta, k)
     feature, pos = np.empty((t.size, 1), np.float32), np.empty((t.size, 2), np.float32)
-    np.subtract(2 * p.astype(np.float32), 1, out=feature[:, 0])
-    pos[:, 0], pos[:, 1] = x, y
-    return feature, pos, t - start, edges, pseudo_coordinates(pos, t, edges, reach, signed)
+    since = np.empty(t.size, np.int64)
+    _native.event_nodes(t, x, y, p, start, feature, pos, since)
+    return feature, pos, since, edges, pseudo_coordinates(pos, t, edges, reach, signed)
 
 
 def pseudo_coordinates(

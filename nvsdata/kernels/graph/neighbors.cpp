@@ -15,6 +15,7 @@
 namespace nvsdata {
 
 constexpr i64 OFTEN = 256;          // events between two polls for Ctrl-C
+constexpr i64 CHUNK = 4096;         // pairs that are near in time and space and tested together
 constexpr double ROUNDING = 1e-12;  // by how much more than a rounded bound is searched
 
 // Squared distance: alpha (dx² + dy²) + beta dt².
@@ -43,31 +44,39 @@ struct Candidate {
     }
 };
 
-// The k nearest of the candidates that are offered, in their order.
+// The k nearest of the candidates that are offered.
 class Nearest {
 public:
-    explicit Nearest(i64 k) : k_(std::size_t(k)) {}
-    void clear() { found_.clear(); }
-    bool full() const { return found_.size() == k_; }
-    const Candidate& worst() const { return found_.back(); }
+    explicit Nearest(i64 k) : found_(std::size_t(k)) {}
+    void clear() { count_ = 0; }
+    bool full() const { return count_ == found_.size(); }
+    const Candidate& worst() const { return found_[worst_]; }
     bool offer(const Candidate& candidate) {
         if (full()) {
             if (!(candidate < worst())) return false;
-            found_.pop_back();
+            found_[worst_] = candidate;
+        } else {
+            found_[count_++] = candidate;
         }
-        found_.insert(std::upper_bound(found_.begin(), found_.end(), candidate), candidate);
+        if (full()) find_worst();
         return true;
     }
-    void list(const Sources& sources, i64 i) const {
-        i32* out = sources.of(i);
-        for (std::size_t n = 0; n < found_.size(); ++n) out[n] = found_[n].event;
-        std::sort(out, out + found_.size());
-        sources.degree[i] = i32(found_.size());
+    // Calls each(event).
+    template <class Each>
+    void each_event(Each each) const {
+        for (std::size_t n = 0; n < count_; ++n) each(found_[n].event);
     }
 
 private:
-    std::size_t k_;
     Vector<Candidate> found_;
+    std::size_t count_ = 0, worst_ = 0;
+
+    void find_worst() {
+        const Candidate* furthest = found_.data();
+        for (const Candidate& other : found_)
+            if (*furthest < other) furthest = &other;
+        worst_ = std::size_t(furthest - found_.data());
+    }
 };
 
 // Sets of events of two kinds, that come out in order.
@@ -102,7 +111,7 @@ class Search {
 public:
     Search(Span<const i64> t, PixelLists&& pixels, const Metric& metric, const Sources& sources, Interrupt& interrupt)
         : t_(t), pixels_(std::move(pixels)), metric_(metric), sources_(sources), marks_(t.size()), nearest_(metric.k),
-          interrupt_(interrupt) {}
+          whole_room_(std::size_t(t.size()) + 1), last_room_(whole_room_.size()), interrupt_(interrupt) {}
 
     void run() {
         double alpha = metric_.alpha, limit = metric_.limit();
@@ -135,7 +144,8 @@ private:
     Nearest nearest_;
     double slack_ = 0;  // what the longest difference in time adds to a distance
     Vector<Near> near_;
-    Vector<i32> whole_, last_, place_;
+    Vector<i32> whole_room_, last_room_, place_;
+    Span<const i32> whole_, last_;  // events of whole rings, and of the last one
     Interrupt& interrupt_;
     unsigned steps_ = 0;
 
@@ -185,8 +195,13 @@ private:
         }
         for (std::size_t p = 0; p < near_.size(); ++p)
             for (auto e = begin(near_[p].pixel); e != end(near_[p].pixel); ++e) marks_.mark(*e, p >= q);
-        whole_.clear(), last_.clear();
-        marks_.drain([&](i32 event, bool last) { (last ? last_ : whole_).push_back(event); });
+        i64 wholes = 0, lasts = 0;
+        // no branch, because which events are the last ring's is unpredictable
+        marks_.drain([&](i32 event, bool last) {
+            whole_room_[wholes] = last_room_[lasts] = event;
+            wholes += !last, lasts += last;
+        });
+        whole_ = {whole_room_.data(), wholes}, last_ = {last_room_.data(), lasts};
         bool own = q == 0;
         std::size_t from = 0;
         for (auto e = begin(pixel); e != end(pixel); ++e) {
@@ -211,9 +226,9 @@ private:
     // The `left` events of the last ring that are nearest to event i in time; those lie side by side, but of equally
     // near ones those of smallest index count. `from` only moves forward.
     Runs nearest_in_time(i32 i, i64 left, bool own, std::size_t& from) const {
-        std::size_t some = std::min(std::size_t(left), last_.size());
+        std::size_t some = std::min(std::size_t(left), std::size_t(last_.size()));
         auto time = [&](std::size_t n) { return t_[last_[n]]; };
-        while (from + some < last_.size()) {
+        while (from + some < std::size_t(last_.size())) {
             i64 later = time(from + some), earlier = time(from);
             if (later != earlier && gap(later, t_[i]) >= gap(earlier, t_[i])) break;
             ++from;
@@ -266,8 +281,16 @@ private:
                 if (nearest_.full() && base > nearest_.worst().d) break;
                 outward(*e, base, begin(near_[q].pixel), pixels_.order.data() + place_[q], end(near_[q].pixel));
             }
-            nearest_.list(sources_, *e);
+            list_nearest(*e);
         }
+    }
+
+    // List the nearest events of event i, ascending.
+    void list_nearest(i32 i) {
+        i32 *out = sources_.of(i), *first = out;
+        nearest_.each_event([&](i32 event) { marks_.mark(event, 0); });
+        marks_.drain([&](i32 event, bool) { *out++ = event; });
+        sources_.degree[i] = i32(out - first);
     }
 
     // Offer the events of a pixel, nearest in time first, as long as they are near enough; `later` is the first of them
@@ -278,86 +301,130 @@ private:
             double d = base + metric_.beta * (double(dt) * double(dt));
             return d <= metric_.limit() && nearest_.offer({d, dt, j});
         };
-        bool open = true;
-        for (auto j = later; open && j != end; ++j) open = *j == i || offer(*j);
-        open = true;
-        for (auto stop = later; open && stop != first;) {
-            // a run of equal times
-            auto run = std::lower_bound(first, stop, t_[stop[-1]], [&](i32 j, i64 v) { return t_[j] < v; });
-            for (auto j = run; open && j != stop; ++j) open = offer(*j);
-            stop = run;
+        const i32* after = later + (later != end && *later == i);
+        // earlier events by runs of equal times: the next one, where its run ends, and where it begins
+        const i32 *before = later, *until = later, *run = later;
+        auto next_run = [&] {
+            before = until = run;
+            if (run == first) return;
+            run = before -= 1;
+            if (run != first && t_[run[-1]] == t_[*run])
+                before = run = std::lower_bound(first, run, t_[*run], [&](i32 j, i64 v) { return t_[j] < v; });
+        };
+        next_run();
+        for (bool ahead = after != end, behind = before != until; ahead || behind;) {
+            if (ahead && (!behind || gap(t_[*after], t_[i]) <= gap(t_[*before], t_[i]))) {
+                ahead = offer(*after) && ++after != end;
+            } else {
+                behind = offer(*before);
+                if (behind && ++before == until) {
+                    next_run();
+                    behind = before != until;
+                }
+            }
         }
     }
 };
 
+// Pairs of events that are near in time.
+struct Pairs {
+    i64 all = 0, most = 0;  // the most earlier events of an event
+};
+
+// Those at most `reach` apart. O(N).
+Pairs pairs_in_time(Span<const i64> t, i64 reach) {
+    Pairs pairs;
+    i64 first = 0;
+    for (i64 i = 0; i < t.size(); ++i) {
+        while (minus(t[i], t[first]) > reach) ++first;
+        pairs.all += i - first;
+        pairs.most = std::max(pairs.most, i - first);
+    }
+    return pairs;
+}
+
+// Sort few values, most of them in order.
+void ascend(i32* values, i64 count) {
+    for (i64 n = 1; n < count; ++n) {
+        i32 value = values[n];
+        i64 at = n;
+        for (; at > 0 && values[at - 1] > value; --at) values[at] = values[at - 1];
+        values[at] = value;
+    }
+}
+
 // Pairs that are near in time, from each event backward; fills the lists of both events. O(N + pairs in time).
 template <class Coordinate>
 void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, const Metric& metric, i64 reach,
-           const Sources& sources, Interrupt& interrupt) {
-    std::size_t n = t.size();
-    i64 k = metric.k;
+           i64 most, const Sources& sources, Interrupt& interrupt) {
+    i64 n = t.size(), k = metric.k;
     double limit = metric.limit();
     auto distance = [&](i64 i, i64 j) {
-        double dx = i32(x[i]) - i32(x[j]), dy = i32(y[i]) - i32(y[j]), dt = double(minus(t[i], t[j]));
+        double dx = double(i64(x[i]) - x[j]), dy = double(i64(y[i]) - y[j]), dt = double(minus(t[i], t[j]));
         return metric.alpha * (dx * dx + dy * dy) + metric.beta * (dt * dt);
     };
-    auto nearer = [&](i64 i, i64 j, i64 other) {
-        return Candidate{distance(i, j), gap(t[j], t[i]), i32(j)} <
-               Candidate{distance(i, other), gap(t[other], t[i]), i32(other)};
-    };
-    Vector<i32> worst(n);
+    auto candidate = [&](i64 i, i64 j) { return Candidate{distance(i, j), gap(t[j], t[i]), i32(j)}; };
+    Vector<i32> worst(static_cast<std::size_t>(n));
     auto find_worst = [&](i64 i) {
-        worst[i] = 0;
+        const i32* row = sources.of(i);
+        i32 found = 0;
+        Candidate furthest = candidate(i, row[0]);
         for (i32 other = 1; other < k; ++other)
-            if (nearer(i, sources.of(i)[worst[i]], sources.of(i)[other])) worst[i] = other;
+            if (Candidate next = candidate(i, row[other]); furthest < next) found = other, furthest = next;
+        worst[i] = found;
     };
     auto insert = [&](i64 i, i64 j) {
         i32& have = sources.degree[i];
+        i32* row = sources.of(i);
         if (have < k) {
-            sources.of(i)[have++] = i32(j);
+            row[have++] = i32(j);
             if (have == k) find_worst(i);
-        } else if (nearer(i, j, sources.of(i)[worst[i]])) {
-            sources.of(i)[worst[i]] = i32(j);
+        } else if (candidate(i, j) < candidate(i, row[worst[i]])) {
+            row[worst[i]] = i32(j);
             find_worst(i);
         }
     };
-    std::size_t first = 0;
-    double side = std::floor(std::sqrt(limit / metric.alpha)) + 1;
-    Vector<u32> place(n);
-    for (std::size_t i = 0; i < n; ++i) place[i] = u32(y[i]) << 16 | u32(x[i]);
+    // row and column in one number; a sum, because then differences are exact whatever the coordinates, modulo 2^32
+    Vector<u32> place(static_cast<std::size_t>(n));
+    for (i64 i = 0; i < n; ++i) place[i] = (u32(y[i]) << 16) + u32(x[i]);
     // both differences lie in 0..2 side, or in the next power of two, if no bit outside is set
+    double side = std::floor(std::sqrt(limit / metric.alpha)) + 1;
     u32 wide = 1;
     while (wide < u32(2 * side + 1)) wide *= 2;
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
-    Vector<i32> near(n + 1);
-    for (std::size_t i = 0; i < n; ++i) {
-        if (i % OFTEN == 0) interrupt.poll();
-        while (minus(t[i], t[first]) > reach) ++first;
-        u32 corner = place[i] - margin;
-        std::size_t found = 0;
-        // no branch, because which events are near is unpredictable
-        for (std::size_t j = first; j < i; ++j) {
-            near[found] = i32(j);
-            found += ((place[j] - corner) & outside) == 0;
+    Vector<i32> later(std::size_t(CHUNK + most + 1)), earlier(later.size());
+    for (i64 i = 0, first = 0; i < n;) {
+        i64 found = 0, kept = 0;
+        for (; i < n && found < CHUNK; ++i) {
+            if (i % OFTEN == 0) interrupt.poll();
+            while (minus(t[i], t[first]) > reach) ++first;
+            u32 corner = place[i] - margin;
+            // no branch, because which events are near is unpredictable
+            for (i64 j = first; j < i; ++j) {
+                later[found] = i32(i), earlier[found] = i32(j);
+                found += ((place[j] - corner) & outside) == 0;
+            }
         }
-        for (std::size_t q = 0; q < found; ++q) {
-            i64 j = near[q];
-            if (distance(i64(i), j) > limit) continue;
-            insert(i64(i), j);
-            insert(j, i64(i));
+        for (i64 q = 0; q < found; ++q) {
+            i32 target = later[q], source = earlier[q];
+            later[kept] = target, earlier[kept] = source;
+            kept += distance(target, source) <= limit;
+        }
+        for (i64 q = 0; q < kept; ++q) {
+            insert(later[q], earlier[q]);
+            insert(earlier[q], later[q]);
         }
     }
-    for (std::size_t i = 0; i < n; ++i) std::sort(sources.of(i64(i)), sources.of(i64(i)) + sources.degree[i]);
+    for (i64 i = 0; i < n; ++i) ascend(sources.of(i), sources.degree[i]);
 }
 
-// Number of pairs that are at most `reach` apart in time. O(N).
-i64 pairs_in_time(Span<const i64> t, i64 reach) {
-    i64 pairs = 0, first = 0;
-    for (i64 i = 0; i < i64(t.size()); ++i) {
-        while (minus(t[i], t[first]) > reach) ++first;
-        pairs += i - first;
+// Coordinates of 32 bits must not be further apart than sums of squares can say.
+template <class Coordinate>
+void check_extent(Span<const Coordinate> values) {
+    if constexpr (sizeof(Coordinate) > sizeof(i16)) {
+        auto [least, most] = std::minmax_element(values.begin(), values.end());
+        require(i64(*most) - *least < 1 << 19, "pixels must be less than 524,288 apart");
     }
-    return pairs;
 }
 
 }  // namespace
@@ -370,6 +437,8 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
             "columns, degrees and rows of sources must be as many as events");
     if (n == 0) return 0;
     require(source.columns() >= 2, "there must be room for a source and one more");
+    check_extent(x), check_extent(y);
+    if (n == 1) return degree[0] = 0;
     Interrupt interrupt;
     Metric metric{radius, alpha, beta, source.columns() - 1};
     Sources sources{degree, source};
@@ -377,8 +446,9 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
     bool swept = false;
     if (alpha > 0 && beta > 0 && limit / beta < 1e36 && limit / alpha < 1e8) {
         i64 reach = i64(std::sqrt(limit / beta * (1 + ROUNDING))) + 1;
-        swept = pairs_in_time(t, reach) <= sweep_below * n;
-        if (swept) sweep(t, x, y, metric, reach, sources, interrupt);
+        Pairs pairs = pairs_in_time(t, reach);
+        swept = double(pairs.all) <= double(sweep_below) * double(n);
+        if (swept) sweep(t, x, y, metric, reach, pairs.most, sources, interrupt);
     }
     if (!swept) Search(t, PixelLists(x, y, alpha > 0), metric, sources, interrupt).run();
     return std::accumulate(degree.begin(), degree.end(), i64(0));
@@ -389,8 +459,7 @@ template i64 near_sources<i16>(Span<const i64>, Span<const i16>, Span<const i16>
 
 void define_neighbors(nb::module_& module) {
     module.attr("SWEEP") = SWEEP;
-    define<near_sources<i16>>(module, "near_sources");
-    define<near_sources<i32>>(module, "near_sources");
+    define<near_sources<i16>, near_sources<i32>>(module, "near_sources");
 }
 
 }  // namespace nvsdata

@@ -203,8 +203,7 @@ void cancel(Span<const i64> place_a, Span<i64> a, Span<const i64> place_b, Span<
 
 template <class Sum>
 void define_sums(nb::module_& module) {
-    define<sum_polarity<i16, Sum>>(module, "sum_polarity");
-    define<sum_polarity<i32, Sum>>(module, "sum_polarity");
+    define<sum_polarity<i16, Sum>, sum_polarity<i32, Sum>>(module, "sum_polarity");
     define<spikes<Sum>>(module, "spikes");
 }
 

@@ -1,8 +1,8 @@
-// Errors of bound functions.
+// Functions of Python, and their errors.
 #include "bind.h"
 
-#include <algorithm>
 #include <map>
+#include <new>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -11,11 +11,11 @@ namespace nvsdata {
 
 namespace {
 
-// Never destroyed, because functions may be called until Python ends.
-std::map<std::string, std::vector<Overload>>& overloads() {
-    static auto& all = *new std::map<std::string, std::vector<Overload>>;
-    return all;
-}
+struct Function {
+    std::string name;
+    std::vector<Overload> overloads;
+    PyMethodDef definition{};
+};
 
 std::string text_of(const nb::object& object) { return nb::str(nb::handle(object)).c_str(); }
 
@@ -30,44 +30,69 @@ std::string shown(nb::handle object) {
     return text;
 }
 
-}  // namespace
-
-void note_overload(const char* name, const Overload& overload) { overloads()[name].push_back(overload); }
-
-void refuse(const char* name, const nb::handle* given, std::size_t count) {
+// What is wrong with arguments that none of the functions takes.
+std::string refusal(const Function& function, PyObject* const* given, std::size_t count) {
     Mismatch furthest{0, nullptr};
-    for (const Overload& overload : overloads()[name]) {
+    for (const Overload& overload : function.overloads) {
         if (overload.arguments != count) continue;
-        // the function that most of the arguments fit is likely to be meant
         Mismatch found = overload.first_mismatch(given);
         if (!furthest.type || found.place > furthest.place) furthest = found;
     }
-    std::string text = std::string(name) + "(): argument " + std::to_string(furthest.place + 1) + " must be " +
-                       furthest.type + ", not " + shown(given[furthest.place]);
-    throw nb::type_error(text.c_str());
+    if (!furthest.type)
+        return function.name + "(): takes " + std::to_string(function.overloads[0].arguments) + " arguments, not " +
+               std::to_string(count);
+    return function.name + "(): argument " + std::to_string(furthest.place + 1) + " must be " + furthest.type +
+           ", not " + shown(given[furthest.place]);
 }
 
-void raise_with(const char* name) {
-    std::string before = std::string(name) + "(): ";
+PyObject* call(PyObject* self, PyObject* const* given, Py_ssize_t count) noexcept {
+    const auto& function = *static_cast<const Function*>(PyCapsule_GetPointer(self, nullptr));
+    try {
+        PyObject* result = nullptr;
+        for (const Overload& overload : function.overloads)
+            if (overload.arguments == std::size_t(count) && overload.call(function.name.c_str(), given, result))
+                return result;
+        PyErr_SetString(PyExc_TypeError, refusal(function, given, std::size_t(count)).c_str());
+    } catch (...) {
+        raise_in_python(function.name.c_str());
+    }
+    return nullptr;
+}
+
+}  // namespace
+
+void add_overload(nb::module_& module, const char* name, const Overload& overload) {
+    // never destroyed, because functions may be called until Python ends
+    static auto& functions = *new std::map<std::string, Function>;
+    Function& function = functions[name];
+    function.overloads.push_back(overload);
+    if (!function.name.empty()) return;
+    function.name = name;
+    auto pointer = reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&call));
+    function.definition = {function.name.c_str(), pointer, METH_FASTCALL, nullptr};
+    nb::capsule self(&function);
+    PyObject* made = PyCFunction_NewEx(&function.definition, self.ptr(), nb::str(module.attr("__name__")).ptr());
+    if (!made) throw nb::python_error();
+    module.attr(name) = nb::steal(made);
+}
+
+void raise_in_python(const char* name) noexcept {
+    auto raise = [name](PyObject* type, const char* message) {
+        PyErr_Format(type, "%s(): %s", name, message);
+    };
     try {
         throw;
+    } catch (nb::python_error& error) {
+        error.restore();
     } catch (const std::out_of_range& error) {
-        throw std::out_of_range(before + error.what());
-    } catch (const std::invalid_argument& error) {
-        throw std::invalid_argument(before + error.what());
-    } catch (const nb::builtin_exception& error) {
-        throw nb::builtin_exception(error.type(), (before + error.what()).c_str());
-    }
-}
-
-void define_refusals(nb::module_& module) {
-    for (auto& [name, functions] : overloads()) {
-        std::vector<std::size_t> defined;
-        for (const Overload& overload : functions) {
-            if (std::count(defined.begin(), defined.end(), overload.arguments)) continue;
-            defined.push_back(overload.arguments);
-            if (overload.arguments) overload.define_refusal(module, name.c_str());
-        }
+        raise(PyExc_IndexError, error.what());
+    } catch (const std::logic_error& error) {
+        // std::invalid_argument, and std::length_error of a vector
+        raise(PyExc_ValueError, error.what());
+    } catch (const std::bad_alloc&) {
+        PyErr_NoMemory();
+    } catch (const std::exception& error) {
+        raise(PyExc_RuntimeError, error.what());
     }
 }
 

@@ -4,6 +4,9 @@
 // never converted. Arrays that are read may be strided or misaligned: they are copied then. Python's lock is released
 // while a function runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python
 // face. Errors name the function, and a TypeError the argument.
+//
+// Functions are Python's own, not nanobind's, and arrays are taken by the buffer protocol, because calls on few events
+// last no longer than nanobind's look at the arguments. Classes, numbers and results are nanobind's.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -11,9 +14,11 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include <array>
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -24,98 +29,152 @@ namespace nvsdata {
 
 namespace nb = nanobind;
 
-template <class T>
-struct Argument {
-    using Python = T;
-    static T of(T value) { return value; }
-};
-
-// Arrays that are written.
-template <class T>
-struct Argument<Span<T>> {
-    using Python = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-    static Span<T> of(const Python& array) { return {array.data(), i64(array.shape(0))}; }
-};
-
-template <class T>
-struct Argument<Rows<T>> {
-    using Python = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-    static Rows<T> of(const Python& array) { return {array.data(), i64(array.shape(0)), i64(array.shape(1))}; }
-};
-
-// Of any number of dimensions: contiguous even if it is only read.
-template <class T, int n>
-struct Argument<Array<T, n>> {
-    using Python = nb::ndarray<T, nb::ndim<n>, nb::c_contig, nb::device::cpu>;
-    static Array<T, n> of(const Python& array) {
-        Array<T, n> found{{array.data(), i64(array.size())}, {}};
-        for (int axis = 0; axis < n; ++axis) found.shape[axis] = i64(array.shape(axis));
-        return found;
-    }
-};
-
-// Arrays that are read: a view or, of a strided array, a copy that lives as long as the call.
-template <class T, int dimensions>
-class Read {
+// An array of Python, by its buffer protocol, until the call ends.
+class View {
 public:
-    using Python = nb::ndarray<const T, nb::ndim<dimensions>, nb::device::cpu>;
-
-    explicit Read(const Python& array) : data_(array.data()), rows_(i64(array.shape(0))) {
-        if constexpr (dimensions == 2) columns_ = i64(array.shape(1));
-        bool contiguous = array.stride(dimensions - 1) == 1 || columns_ * (dimensions == 1 ? rows_ : 1) <= 1;
-        if constexpr (dimensions == 2) contiguous = contiguous && (array.stride(0) == columns_ || rows_ <= 1);
-        bool aligned = reinterpret_cast<std::uintptr_t>(data_) % alignof(T) == 0;
-        if (contiguous && aligned) return;
-        copy_.reset(new T[std::size_t(rows_ * columns_)]);
-        T* out = copy_.get();
-        i64 across = dimensions == 2 ? array.stride(dimensions - 1) : 0;
-        for (i64 row = 0; row < rows_; ++row)
-            for (i64 column = 0; column < columns_; ++column)
-                std::memcpy(out++, data_ + row * array.stride(0) + column * across, sizeof(T));
-        data_ = copy_.get();
+    View() { view_.obj = nullptr; }
+    View(const View&) = delete;
+    View& operator=(const View&) = delete;
+    ~View() {
+        if (view_.obj) PyBuffer_Release(&view_);
     }
-    operator Span<const T>() const { return {data_, rows_}; }
-    operator Rows<const T>() const { return {data_, rows_, columns_}; }
+
+    // Whether the object, always the same one, is an array.
+    bool take(PyObject* object) {
+        if (view_.obj) return true;
+        if (PyObject_GetBuffer(object, &view_, PyBUF_FORMAT | PyBUF_STRIDES) == 0) return true;
+        PyErr_Clear();
+        return false;
+    }
+
+    i64 shape(int axis) const { return i64(view_.shape[axis]); }
+    i64 size() const { return i64(view_.len / view_.itemsize); }
+    int dimensions() const { return view_.ndim; }
+    bool is_read_only() const { return view_.readonly; }
+
+    template <class T>
+    bool is_of() const {
+        const char* kinds = std::is_same_v<T, bool>       ? "?"
+                            : std::is_floating_point_v<T> ? "fd"
+                            : std::is_signed_v<T>         ? "bhilq"
+                                                          : "BHILQ";
+        const char* format = view_.format ? view_.format : "B";
+        // the machine's byte order; sizes are compared, because some types have several characters
+        if (*format == '@' || *format == '=') ++format;
+        while (*kinds && *kinds != *format) ++kinds;
+        return *kinds && !format[1] && view_.itemsize == sizeof(T);
+    }
+    bool is_contiguous() const {
+        i64 step = i64(view_.itemsize);
+        for (int axis = dimensions() - 1; axis >= 0; step *= shape(axis--))
+            if (view_.strides[axis] != step && shape(axis) > 1) return size() == 0;
+        return true;
+    }
+
+    // The values in their order, of a strided or misaligned array's copies.
+    template <class T>
+    T* values() {
+        bool aligned = reinterpret_cast<std::uintptr_t>(view_.buf) % alignof(T) == 0;
+        if constexpr (std::is_const_v<T>)
+            if (!aligned || !is_contiguous()) copy(sizeof(T));
+        return static_cast<T*>(copy_ ? static_cast<void*>(copy_.get()) : view_.buf);
+    }
 
 private:
-    const T* data_;
-    i64 rows_, columns_ = 1;
-    std::unique_ptr<T[]> copy_;
+    Py_buffer view_;
+    std::unique_ptr<char[]> copy_;
+
+    // A strided array has one dimension or two.
+    void copy(std::size_t item) {
+        copy_.reset(new char[std::size_t(view_.len)]);
+        if (is_contiguous()) {
+            std::memcpy(copy_.get(), view_.buf, std::size_t(view_.len));
+            return;
+        }
+        int last = dimensions() - 1;
+        i64 columns = last ? shape(last) : 1;
+        for (i64 n = 0; n < size(); ++n) {
+            i64 at = n / columns * view_.strides[0] + n % columns * view_.strides[last];
+            std::memcpy(copy_.get() + std::size_t(n) * item, static_cast<const char*>(view_.buf) + at, item);
+        }
+    }
+};
+
+// How a function's argument of a type is made of an object of Python, of which `Found` keeps what it needs.
+template <class T>
+struct Argument {
+    using Plain = std::remove_reference_t<T>;
+    using Found = nb::detail::make_caster<Plain>;
+
+    // NumPy's numbers are numbers
+    static constexpr unsigned convert = std::is_arithmetic_v<T> ? unsigned(nb::detail::cast_flags::convert) : 0;
+    static bool take(PyObject* object, View&, Found& found) {
+        return object != Py_None && found.from_python(object, convert, nullptr);
+    }
+    static T of(View&, Found& found) { return found.operator nb::detail::cast_t<T>(); }
+    static const char* name() {
+        if constexpr (std::is_reference_v<T>) return nb::str(nb::type<Plain>().attr("__name__")).c_str();
+        return Found::Name.text;
+    }
+};
+
+// Arrays of a type: contiguous, unless they are only read and `strided`.
+template <class T, int n, bool strided>
+struct ArrayArgument {
+    struct Found {};
+    static constexpr bool is_read = std::is_const_v<T>;
+    using Named = std::conditional_t<strided && is_read, nb::ndarray<T, nb::ndim<n>, nb::device::cpu>,
+                                     nb::ndarray<T, nb::ndim<n>, nb::c_contig, nb::device::cpu>>;
+
+    static bool take(PyObject* object, View& view, Found&) {
+        return view.take(object) && view.dimensions() == n && view.is_of<std::remove_const_t<T>>() &&
+               (is_read || !view.is_read_only()) && ((strided && is_read) || view.is_contiguous());
+    }
+    static const char* name() { return nb::detail::make_caster<Named>::Name.text; }
 };
 
 template <class T>
-struct Argument<Span<const T>> {
-    using Python = typename Read<T, 1>::Python;
-    static Read<T, 1> of(const Python& array) { return Read<T, 1>(array); }
+struct Argument<Span<T>> : ArrayArgument<T, 1, true> {
+    static Span<T> of(View& view, typename Argument::Found&) { return {view.values<T>(), view.shape(0)}; }
 };
 
 template <class T>
-struct Argument<Rows<const T>> {
-    using Python = typename Read<T, 2>::Python;
-    static Read<T, 2> of(const Python& array) { return Read<T, 2>(array); }
+struct Argument<Rows<T>> : ArrayArgument<T, 2, true> {
+    static Rows<T> of(View& view, typename Argument::Found&) {
+        return {view.values<T>(), view.shape(0), view.shape(1)};
+    }
 };
 
-// An array of one of several types that is read.
-template <class... T>
-struct OneOf {
-    using Array = nb::ndarray<nb::ro, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-    Array array;
+template <class T, int n>
+struct Argument<Array<T, n>> : ArrayArgument<T, n, false> {
+    static Array<T, n> of(View& view, typename Argument::Found&) {
+        Array<T, n> array{{view.values<T>(), view.size()}, {}};
+        for (int axis = 0; axis < n; ++axis) array.shape[axis] = view.shape(axis);
+        return array;
+    }
 };
 
+// A contiguous array of one of several types that is read.
 template <class... T>
 struct Argument<std::variant<Span<const T>...>> {
-    using Python = OneOf<T...>;
-    using View = std::variant<Span<const T>...>;
-    static View of(const Python& given) {
-        View view;
-        auto see = [&](auto type) {
-            using Value = decltype(type);
-            const auto& array = given.array;
-            if (array.dtype() == nb::dtype<Value>())
-                view = Span<const Value>(static_cast<const Value*>(array.data()), i64(array.shape(0)));
+    struct Found {};
+    static bool take(PyObject* object, View& view, Found&) {
+        return view.take(object) && view.dimensions() == 1 && (view.is_of<T>() || ...) && view.is_contiguous();
+    }
+    static std::variant<Span<const T>...> of(View& view, Found&) {
+        std::variant<Span<const T>...> spans;
+        auto see = [&](auto value) {
+            using Value = decltype(value);
+            if (view.is_of<Value>()) spans = Span<const Value>(view.values<const Value>(), view.shape(0));
         };
         (see(T()), ...);
-        return view;
+        return spans;
+    }
+    static const char* name() {
+        using namespace nb::detail;
+        static constexpr auto text = const_name("ndarray[dtype=") + concat(dtype_name<T>::name...) +
+                                     const_name(", shape=(*), order='C', device='cpu', writable=False]");
+        return text.text;
     }
 };
 
@@ -125,127 +184,95 @@ struct Mismatch {
     const char* type;
 };
 
-// Any argument, after all functions of a name have refused it, even converted.
-struct Refused {
-    nb::handle object;
-};
-
-// What errors need to know about a function that is bound.
+// Functions that take the same number of arguments.
 struct Overload {
     std::size_t arguments;
-    Mismatch (*first_mismatch)(const nb::handle* given);
-    void (*define_refusal)(nb::module_& module, const char* name);
+    // Whether one of the functions takes the arguments; the result of the first one that does, or null for an error.
+    bool (*call)(const char* name, PyObject* const* given, PyObject*& result);
+    Mismatch (*first_mismatch)(PyObject* const* given);
 };
 
-// Keep what errors need to know about a function.
-void note_overload(const char* name, const Overload& overload);
+// Let the module have a function that calls the first of its overloads that takes the arguments.
+void add_overload(nb::module_& module, const char* name, const Overload& overload);
 
-// Raise the TypeError of arguments that no function of a name takes.
-[[noreturn]] void refuse(const char* name, const nb::handle* given, std::size_t count);
-
-// Raise the exception that is being handled, with the function's name in front of the message.
-[[noreturn]] void raise_with(const char* name);
-
-// An array of another dtype is an error, not a copy; NumPy's numbers are numbers.
-template <class T>
-auto argument() {
-    if constexpr (std::is_arithmetic_v<T>)
-        return nb::arg();
-    else
-        return nb::arg().noconvert();
-}
+// Let Python raise the exception that is being handled, with the function's name in front of the message.
+void raise_in_python(const char* name) noexcept;
 
 template <auto function>
 struct Bound;
 
 template <class R, class... A, R (*function)(A...)>
 struct Bound<function> {
-    static void define(nb::module_& module, const char* name) {
-        auto call = [name](typename Argument<A>::Python... given) -> R {
-            nb::gil_scoped_release free;
-            try {
-                return function(Argument<A>::of(given)...);
-            } catch (...) {
-                raise_with(name);
-            }
+    static constexpr std::size_t arguments = sizeof...(A);
+
+    static bool call(const char* name, PyObject* const* given, View* views, PyObject*& result) {
+        return call(name, given, views, result, std::index_sequence_for<A...>());
+    }
+
+    static Mismatch first_mismatch(PyObject* const* given) {
+        Mismatch mismatch{0, nullptr};
+        [[maybe_unused]] auto takes = [&](auto argument) {
+            using Taken = decltype(argument);
+            View view;
+            typename Taken::Found found;
+            bool taken = Taken::take(given[mismatch.place], view, found);
+            if (taken)
+                ++mismatch.place;
+            else
+                mismatch.type = Taken::name();
+            return taken;
         };
-        module.def(name, call, argument<A>()...);
-        note_overload(name, {sizeof...(A), &first_mismatch, &define_refusal});
+        (void)(takes(Argument<A>()) && ...);
+        return mismatch;
     }
 
 private:
-    template <class>
-    using RefusedOf = Refused;
-    template <class>
-    static auto any() {
-        return nb::arg().none();
-    }
-
-    static void define_refusal(nb::module_& module, const char* name) {
-        auto call = [name](RefusedOf<A>... given) {
-            const nb::handle objects[] = {given.object..., nb::handle()};
-            refuse(name, objects, sizeof...(A));
+    template <std::size_t... I>
+    static bool call(const char* name, PyObject* const* given, View* views, PyObject*& result,
+                     std::index_sequence<I...>) {
+        std::tuple<typename Argument<A>::Found...> found;
+        if (!(Argument<A>::take(given[I], views[I], std::get<I>(found)) && ...)) return false;
+        auto run = [&]() -> R {
+            nb::gil_scoped_release free;
+            return function(Argument<A>::of(views[I], std::get<I>(found))...);
         };
-        module.def(name, call, any<A>()...);
-    }
-
-    static Mismatch first_mismatch(const nb::handle* given) {
-        Mismatch found{0, nullptr};
-        (void)(takes<A>(given[found.place], found) && ...);
-        return found;
-    }
-
-    template <class T>
-    static bool takes(nb::handle object, Mismatch& found) {
-        using Python = typename Argument<T>::Python;
-        std::conditional_t<std::is_reference_v<T>, std::remove_reference_t<T>*, Python> value{};
-        if (!object.is_none() && nb::try_cast(object, value, std::is_arithmetic_v<T>)) {
-            ++found.place;
-            return true;
+        try {
+            if constexpr (std::is_void_v<R>) {
+                run();
+                result = nb::none().release().ptr();
+            } else {
+                result = nb::cast(run()).release().ptr();
+            }
+        } catch (...) {
+            raise_in_python(name);
         }
-        if constexpr (std::is_reference_v<T>)
-            found.type = nb::str(nb::type<std::remove_reference_t<T>>().attr("__name__")).c_str();
-        else
-            found.type = nb::detail::make_caster<Python>::Name.text;
-        return false;
+        return true;
     }
 };
 
-// Define a function in the module. Of functions with one name, the first that takes the arguments is called.
-template <auto function>
+template <auto first, auto... others>
+struct Alternatives {
+    static constexpr std::size_t arguments = Bound<first>::arguments;
+    static_assert(((Bound<others>::arguments == arguments) && ...));
+
+    static bool call(const char* name, PyObject* const* given, PyObject*& result) {
+        View views[arguments + 1];
+        return Bound<first>::call(name, given, views, result) || (Bound<others>::call(name, given, views, result) || ...);
+    }
+    // Of the function that most of the arguments fit, which is likely to be meant.
+    static Mismatch first_mismatch(PyObject* const* given) {
+        Mismatch furthest{0, nullptr};
+        for (Mismatch found : {Bound<first>::first_mismatch(given), Bound<others>::first_mismatch(given)...})
+            if (!furthest.type || found.place > furthest.place) furthest = found;
+        return furthest;
+    }
+};
+
+// Define functions of one name in the module, of which the first that takes the arguments is called.
+template <auto... functions>
 void define(nb::module_& module, const char* name) {
-    Bound<function>::define(module, name);
+    using Some = Alternatives<functions...>;
+    add_overload(module, name, {Some::arguments, &Some::call, &Some::first_mismatch});
 }
 
-// Define, after all functions, what names the arguments that none of them takes.
-void define_refusals(nb::module_& module);
-
 }  // namespace nvsdata
-
-template <class... T>
-struct nanobind::detail::type_caster<nvsdata::OneOf<T...>> {
-    using Array = typename nvsdata::OneOf<T...>::Array;
-    NB_TYPE_CASTER(nvsdata::OneOf<T...>,
-                   const_name("ndarray[dtype=") + concat(dtype_name<T>::name...) +
-                       const_name(", shape=(*), order='C', device='cpu', writable=False]"))
-
-    template <class Flags>
-    bool from_python(handle source, Flags flags, cleanup_list* cleanup) noexcept {
-        make_caster<Array> caster;
-        if (!caster.from_python(source, flags, cleanup)) return false;
-        value.array = std::move(caster.value);
-        return ((value.array.dtype() == nanobind::dtype<T>()) || ...);
-    }
-};
-
-// Refuses what isn't converted, so that other functions are tried with conversions first.
-template <>
-struct nanobind::detail::type_caster<nvsdata::Refused> {
-    NB_TYPE_CASTER(nvsdata::Refused, const_name("object"))
-
-    template <class Flags>
-    bool from_python(handle source, Flags flags, cleanup_list*) noexcept {
-        value.object = source;
-        return flags & Flags(cast_flags::convert);
-    }
-};

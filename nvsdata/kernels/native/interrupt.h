@@ -15,8 +15,10 @@ class Interrupt {
 public:
     void poll() {
         auto now = Clock::now();
-        if (now < next_) return;
-        next_ = now + pause;
+        bool due = now >= next_ && is_started_;
+        if (due || !is_started_) next_ = now + pause;
+        is_started_ = true;
+        if (!due) return;
         nanobind::gil_scoped_acquire lock;
         if (PyErr_CheckSignals() != 0) throw nanobind::python_error();
     }
@@ -24,7 +26,8 @@ public:
 private:
     using Clock = std::chrono::steady_clock;
     static constexpr std::chrono::milliseconds pause{100};
-    Clock::time_point next_ = Clock::now() + pause;
+    Clock::time_point next_;
+    bool is_started_ = false;  // by the first poll, so that short calls don't look at the clock
 };
 
 }  // namespace nvsdata

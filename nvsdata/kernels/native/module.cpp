@@ -71,5 +71,4 @@ NB_MODULE(_native, module) {
 #endif
 #define NVSDATA_DEFINE(name) nvsdata::define_##name(module);
     NVSDATA_FILES(NVSDATA_DEFINE)
-    nvsdata::define_refusals(module);
 }

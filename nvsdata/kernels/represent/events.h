@@ -37,7 +37,7 @@ struct Pixels {
 constexpr i64 STEPS = 2048;  // events that are placed at once; then the clock is looked at
 
 // Where pixels of at most STEPS events are in images: the calls' results are true if all are on the sensor.
-bool place(const Images& images, const Pixels& events, i64 from, i64 to, i64* places);
+bool place(const Images& images, const Pixels& events, i64 from, i64 to, u32* places);
 bool are_inside(const Images& images, const Pixels& events);
 
 // Times since the first one, times scale / span; whether all are from 0 to `most` before they are scaled.
@@ -47,7 +47,7 @@ inline void require_inside(bool inside) {
     if (!inside) throw std::out_of_range("events lie outside of the sensor, or have polarities other than 0 and 1");
 }
 
-inline void place_all(const Images& images, const Pixels& events, i64 from, i64 to, i64* places) {
+inline void place_all(const Images& images, const Pixels& events, i64 from, i64 to, u32* places) {
     require_inside(place(images, events, from, to, places));
 }
 
@@ -57,7 +57,7 @@ inline void place_all(const Images& images, const Pixels& events, i64 from, i64 
 template <class Some>
 NVSDATA_INLINE void some_events(const Images& images, const Pixels& events, i64 from, i64 to,
                          Interrupt& interrupt, Some some) {
-    i64 places[STEPS];
+    u32 places[STEPS];
     while (from < to) {
         i64 count = std::min(STEPS, to - from);
         place_all(images, events, from, from + count, places);
@@ -71,8 +71,8 @@ NVSDATA_INLINE void some_events(const Images& images, const Pixels& events, i64 
 template <class Each>
 NVSDATA_INLINE void each_event(const Images& images, const Pixels& events, i64 from, i64 to,
                         Interrupt& interrupt, Each each) {
-    some_events(images, events, from, to, interrupt, [&](i64 begin, i64 count, const i64* places) {
-        for (i64 k = 0; k < count; ++k) each(begin + k, places[k]);
+    some_events(images, events, from, to, interrupt, [&](i64 begin, i64 count, const u32* places) {
+        for (i64 k = 0; k < count; ++k) each(begin + k, i64(places[k]));
     });
 }
 

@@ -84,9 +84,8 @@ void in_company(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 row
 
 void count_into(Span<const i16> x, Span<const i16> y, Rows<i64> out) {
     require_columns(x.size(), {x, y});
-    // at once, because a list of places takes longer than to count
-    require_inside(are_inside({out.columns(), out.rows()}, {x, y}));
-    for (i64 i = 0; i < x.size(); ++i) ++out(y[i], x[i]);
+    Span<i64> counts = out.flat();
+    each_event({out.columns(), out.rows()}, {x, y}, [&](i64, i64 place) { ++counts[place]; });
 }
 
 NVSDATA_INLINE void mark_within(const i16* x, const i16* y, i64 count, i16 left, i16 right, i16 top, i16 bottom,

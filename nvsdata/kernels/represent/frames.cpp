@@ -16,8 +16,10 @@ float sign(u8 p) {
 // Add to a count; one of whole numbers stays at the end of its range.
 template <class T>
 void add(T& count, int step) {
+    // no branch, because which counts are at an end is unpredictable
     if constexpr (std::is_integral_v<T>)
-        count = T(std::clamp<int>(count + step, std::numeric_limits<T>::min(), std::numeric_limits<T>::max()));
+        count = T(count + (step > 0) * (count != std::numeric_limits<T>::max()) -
+                  (step < 0) * (count != std::numeric_limits<T>::min()));
     else
         count += T(step);
 }
@@ -66,10 +68,10 @@ void counted_by_polarity(Span<const i16> x, Span<const i16> y, Span<const u8> p,
                          Array<float, 4> out) {
     require_shapes(out.shape[0] == 2);
     Images images{out.shape[3], out.shape[2]};
-    i64 size = images.size;
-    images.size *= out.shape[1];
-    each_event_of_frames(images, {x, y, p, Polarity::off_first}, bounds, out.shape[1],
-                         [&](i64 n, i64, i64 place) { out.values[n * size + place] += 1; });
+    i64 frames = out.shape[1];
+    each_event_of_frames(images, {x, y, p}, bounds, frames, [&](i64 n, i64 i, i64 place) {
+        out.values[(p[i] * frames + n) * images.size + place] += 1;
+    });
 }
 
 template <class T>
@@ -93,7 +95,7 @@ void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
     // of equal times all are in the first bin
     double scale = duration ? double(last) : 0, span = duration ? double(duration) : 1;
     Interrupt interrupt;
-    some_events(images, events, 0, t.size(), interrupt, [&](i64 from, i64 count, const i64* places) {
+    some_events(images, events, 0, t.size(), interrupt, [&](i64 from, i64 count, const u32* places) {
         double at[STEPS];
         // then bins are within the grid, because no rounding reaches the next whole number
         require(scale_times(t.data() + from, count, first, u64(duration), scale, span, at), "times must not decrease");
@@ -111,13 +113,9 @@ void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
 
 void define_frames(nb::module_& module) {
     define<sum_frames>(module, "sum_frames");
-    define<counted<float>>(module, "counted");
-    define<counted<u8>>(module, "counted");
-    define<counted<i16>>(module, "counted");
+    define<counted<float>, counted<u8>, counted<i16>>(module, "counted");
     define<counted_by_polarity>(module, "counted_by_polarity");
-    define<marked<float>>(module, "marked");
-    define<marked<u8>>(module, "marked");
-    define<marked<i16>>(module, "marked");
+    define<marked<float>, marked<u8>, marked<i16>>(module, "marked");
     define<spread>(module, "spread");
 }
 

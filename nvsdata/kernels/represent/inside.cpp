@@ -24,18 +24,22 @@ NVSDATA_INLINE bool are_bits(const u8* values, i64 count) {
     return all < 2;
 }
 
-NVSDATA_INLINE bool place_pixels(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride,
-                                      i64* places) {
+// Of events with polarities, those of `second` are in the second image.
+template <bool has_polarity>
+NVSDATA_INLINE bool place_pixels(const i16* x, const i16* y, const u8* p, i64 count, i16 right, i16 bottom, u32 stride,
+                                 u8 second, u32 size, u32* places) {
     u16 signs = 0;
+    u8 bits = 0;
     for (i64 i = 0; i < count; ++i) {
         signs |= sign_of(x[i], right) | sign_of(y[i], bottom);
-        places[i] = i64(u64(u16(y[i])) * stride + u16(x[i]));
+        u32 place = u32(u16(y[i])) * stride + u16(x[i]);
+        if constexpr (has_polarity) {
+            bits |= p[i];
+            place += p[i] == second ? size : 0;
+        }
+        places[i] = place;
     }
-    return signs >> 15 == 0;
-}
-
-NVSDATA_INLINE void choose_images(const u8* p, i64 count, u8 first, i64 size, i64* places) {
-    for (i64 i = 0; i < count; ++i) places[i] += p[i] == first ? 0 : size;
+    return signs >> 15 == 0 && bits < 2;
 }
 
 bool inside(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 width, i64 height) {
@@ -66,17 +70,18 @@ bool are_inside(const Images& images, const Pixels& events) {
            best<are_bits>(events.p.data(), events.p.size());
 }
 
-bool place(const Images& images, const Pixels& events, i64 from, i64 to, i64* places) {
+bool place(const Images& images, const Pixels& events, i64 from, i64 to, u32* places) {
+    require(images.size <= i64(1) << 31, "images are too large");
     const i16 *x = events.x.part(from, to).data(), *y = events.y.part(from, to).data();
     i64 count = to - from;
     i16 right = last_of(images.width), bottom = last_of(images.height);
-    // larger images than 2^32 pixels high and wide don't exist
-    if (!best<place_pixels>(x, y, count, right, bottom, u32(images.stride), places)) return false;
-    if (!events.p.data()) return true;
+    u32 stride = u32(images.stride), size = events.image == Polarity::same_image ? 0 : u32(images.size);
+    u8 second = events.image == Polarity::off_first;
+    if (!events.p.data())
+        return best<place_pixels<false>>(x, y, static_cast<const u8*>(nullptr), count, right, bottom, stride, second,
+                                         size, places);
     const u8* p = events.p.part(from, to).data();
-    if (events.image != Polarity::same_image)
-        best<choose_images>(p, count, events.image == Polarity::on_first, images.size, places);
-    return best<are_bits>(p, count);
+    return best<place_pixels<true>>(x, y, p, count, right, bottom, stride, second, size, places);
 }
 
 void define_inside(nb::module_& module) { define<inside>(module, "inside"); }

@@ -71,7 +71,8 @@ void logarithms_of_ages(Span<const i64> t, Span<const i16> x, Span<const i16> y,
     require_shapes(polarities == 2 && have.shape == std::array<i64, 3>{2, height, width});
     Images images{width, height};
     Interrupt interrupt;
-    i64 places[STEPS], depth = k;
+    u32 places[STEPS];
+    i64 depth = k;
     // the latest first
     for (i64 to = t.size(); to > 0; to -= std::min(to, STEPS)) {
         i64 from = to - std::min(to, STEPS);
@@ -120,18 +121,20 @@ void ages_of_bins(i64 since, i64 duration, Array<i64, 4> bins, Array<double, 5> 
     require_shapes(polarities == 2 && used.shape == std::array<i64, 3>{2, height, width} &&
                    within.shape == std::array<i64, 5>{2, height, width, depth, 2} &&
                    out.shape == std::array<i64, 4>{depth, 2, height, width});
-    i64 places = used.values.size();
+    i64 places = used.values.size(), most = depth;
     Interrupt interrupt;
-    for (i64 place = 0; place < places; ++place) {
-        i64 begun = used.values[place];
-        for (i64 back = 0; back < std::min(begun, i64(depth)); ++back) {
-            i64 slot = place * depth + (begun - 1 - back) % depth;
-            double begin = double(minus(since, times(bins.values[slot], duration)));
-            double age = begin - within.values[2 * slot] / within.values[2 * slot + 1];
-            double fallen = 1 - std::log1p(std::max(age / double(duration), 0.0)) / 8.7;
-            out.values[(depth - 1 - back) * places + place] = float(std::max(fallen, 0.0));
+    for (i64 from = 0; from < places; from += STEPS) {
+        for (i64 place = from, to = std::min(from + STEPS, places); place < to; ++place) {
+            i64 begun = used.values[place];
+            for (i64 back = 0; back < std::min(begun, most); ++back) {
+                i64 slot = place * most + (begun - 1 - back) % most;
+                double begin = double(minus(since, times(bins.values[slot], duration)));
+                double age = begin - within.values[2 * slot] / within.values[2 * slot + 1];
+                double fallen = 1 - std::log1p(std::max(age / double(duration), 0.0)) / 8.7;
+                out.values[(most - 1 - back) * places + place] = float(std::max(fallen, 0.0));
+            }
         }
-        if (place % STEPS == 0) interrupt.poll();
+        interrupt.poll();
     }
 }
 

@@ -10,12 +10,15 @@ namespace {
 enum Quantity { COUNT, POLARITY, TIME };
 enum Measure { SUM, MEAN, MAX, VARIANCE };
 
-NVSDATA_INLINE void measure_pixels(const double* number, const double* total, const double* squares, i64 count,
-                                        int measure, float* out) {
-    for (i64 q = 0; q < count; ++q) {
-        double events = number[q] > 1.0 ? number[q] : 1.0, mean = total[q] / events;
-        double variance = squares[q] / events - mean * mean;
-        out[q] = float(measure == VARIANCE ? (variance < 0.0 ? 0.0 : variance) : measure == MEAN ? mean : total[q]);
+// Doubles that a measure needs of each pixel: the sum or the maximum, the number of events, the sum of squares.
+constexpr i64 needed(int measure) { return measure == VARIANCE ? 3 : measure == MEAN ? 2 : 1; }
+
+template <int measure>
+NVSDATA_INLINE void measure_pixels(const double* sums, i64 count, float* out) {
+    for (i64 q = 0; q < count; ++q, sums += needed(measure)) {
+        double events = measure == MEAN || measure == VARIANCE ? std::max(sums[1], 1.0) : 1.0, mean = sums[0] / events;
+        double variance = measure == VARIANCE ? std::max(sums[2] / events - mean * mean, 0.0) : 0.0;
+        out[q] = float(measure == VARIANCE ? variance : mean);
     }
 }
 
@@ -26,28 +29,39 @@ void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
     require_shapes(scratch.shape == std::array<i64, 3>{3, out.rows(), out.columns()});
     if (first < 0 || last > t.size()) throw std::out_of_range("there are fewer events");
     Images images{out.columns(), out.rows()};
-    std::fill(scratch.values.begin(), scratch.values.end(), 0.0);
-    Span<double> number = scratch.values.part(0, images.size);
-    Span<double> total = scratch.values.part(images.size, 2 * images.size);
-    Span<double> squares = scratch.values.part(2 * images.size, 3 * images.size);
     Interrupt interrupt;
-    some_events(images, events, first, last, interrupt, [&](i64 from, i64 count, const i64* places) {
-        double values[STEPS];
-        if (quantity == TIME && span)
-            scale_times(t.data() + from, count, start, 0, 1, double(span), values);
+    double duration = double(span);
+    // of constants, so that loops have no more than they need
+    auto add = [&](auto kind, auto value_of) {
+        constexpr int what = decltype(kind)::value;
+        Span<double> sums = scratch.values.part(0, needed(what) * images.size);
+        std::fill(sums.begin(), sums.end(), 0.0);
+        each_event(images, events, first, last, interrupt, [&](i64 i, i64 place) {
+            if (wanted >= 0 && p[i] != wanted) return;
+            i64 at = needed(what) * place;
+            double value = value_of(i);
+            sums[at] = what == MAX ? std::max(sums[at], value) : sums[at] + value;
+            if (what == MEAN || what == VARIANCE) sums[at + 1] += 1;
+            if (what == VARIANCE) sums[at + 2] += value * value;
+        });
+        best<measure_pixels<what>>(static_cast<const double*>(sums.data()), images.size, out.data());
+    };
+    auto add_values = [&](auto kind) {
+        if (quantity == COUNT)
+            add(kind, [](i64) { return 1.0; });
+        else if (quantity == POLARITY)
+            add(kind, [&](i64 i) { return 2.0 * p[i] - 1; });
         else
-            for (i64 k = 0; k < count; ++k)
-                values[k] = quantity == COUNT ? 1.0 : quantity == POLARITY ? 2.0 * p[from + k] - 1 : 0.0;
-        for (i64 k = 0; k < count; ++k) {
-            if (wanted >= 0 && p[from + k] != wanted) continue;
-            i64 place = places[k];
-            double value = values[k], before = total[place], larger = before < value ? value : before;
-            number[place] += 1;
-            squares[place] += value * value;
-            total[place] = measure == MAX ? larger : before + value;
-        }
-    });
-    best<measure_pixels>(number.data(), total.data(), squares.data(), images.size, measure, out.data());
+            add(kind, [&](i64 i) { return span ? double(minus(t[i], start)) / duration : 0.0; });
+    };
+    if (measure == MEAN)
+        add_values(std::integral_constant<int, MEAN>());
+    else if (measure == MAX)
+        add_values(std::integral_constant<int, MAX>());
+    else if (measure == VARIANCE)
+        add_values(std::integral_constant<int, VARIANCE>());
+    else
+        add_values(std::integral_constant<int, SUM>());
 }
 
 void tokens(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds,

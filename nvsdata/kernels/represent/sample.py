@@ -18,4 +18,4 @@ def nonuniform_sample(
     """
     chosen = np.zeros(t.size, np.bool_)
     _native.nonuniform_sample(t, x, y, min(k, t.size + 1), wx, wt, seed, chosen)
-    return np.flatnonzero(chosen)
+    return chosen.nonzero()[0]

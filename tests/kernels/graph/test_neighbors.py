@@ -245,3 +245,27 @@ def test_dense_scenes_agree_with_a_tree(beta):
     pairs = cKDTree(points).query_pairs(3.0)
     both = {*pairs, *((b, a) for a, b in pairs)}
     assert edges(RadiusGraph(beta=beta, max_degree=500)(ev)) == both
+
+
+# corners of the nodes: some nodes are negative along an axis, or beyond 16 bits, others are not
+narrow = (-3, 300), (300, -3), (-3, -3), (32_000, 32_762)
+corners = [(np.int16, far) for far in narrow]
+corners += [(np.int32, far) for far in (*narrow, (-3, 65_533), (65_533, 70_000), (2**31 - 9, -(2**31)))]
+
+
+@pytest.mark.parametrize("way", [PIXELS, SWEEP], ids=["pixels", "sweep"])
+@pytest.mark.parametrize(("kind", "far"), corners)
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32), metric=whole)
+def test_coordinates_may_be_negative_or_beyond_16_bits(way, kind, far, seed, metric):
+    random = np.random.default_rng(seed)
+    t = np.sort(random.integers(0, 6, 40))
+    x, y = (random.integers(0, 6, (2, 40)) + np.array(far)[:, None]).astype(kind)
+    assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
+
+
+def test_coordinates_too_far_apart_are_refused():
+    t, x = np.arange(3), np.array([0, -5, 2**19], np.int32)
+    for pair in ((x, t.astype(np.int32)), (t.astype(np.int32), x)):
+        with pytest.raises(ValueError, match="524,288"):
+            near_edges(t, *pair, 3.0, 1.0, 0.0, 8)

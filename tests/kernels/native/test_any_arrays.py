@@ -91,7 +91,7 @@ def use_rest(folder, t, x, y, p):
     _native.merge_late(whole(3, 9), whole(9, 3), *columns, *outputs(n))
     _native.stable_order(t, np.zeros((2, n), np.int32), np.zeros((2, n), np.uint64))
     _native.moved(t, np.ones(n, np.float32), 3.0, 0, 9_000, room)
-    _native.copy_where(p, *columns, *outputs(n))
+    _native.copy_where(p == 1, *columns, *outputs(n))
     for kind in (np.int32, np.int64):
         _native.copy_at(np.arange(n, dtype=kind), *columns, *outputs(n))
     with (folder.parent / "bytes").open("w+b") as file:
