@@ -67,10 +67,10 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     trainer.publish(train.classes, test.transform, best)
     curves = [(name, [line[f"{name}_accuracy"] for line in trainer.lines]) for name in ("train", "validation")]
     plots.save_png(plots.curves(curves, "nvsdata demo: accuracy", "epoch"), out / "learning.png")
-    found = training.votes(model, load(test, last=VOTES), VOTES, here)
+    tested = training.votes(model, load(test, last=VOTES), VOTES, here)
     print(f"accuracy on {len(test)} test recordings, with 95% intervals")
-    print(f"  one 30 ms window:       {found.single:.3f}")
-    print(f"  vote of {VOTES} such windows: {found.together:.3f}")
+    print(f"  one 30 ms window:       {tested.single:.3f}")
+    print(f"  vote of {VOTES} such windows: {tested.together:.3f}")
     drawn, learned, network = (shown(out / name) for name in ("samples.png", "learning.png", "model.safetensors"))
     print(f"plots: {drawn}, {learned}; network: {network}")
 

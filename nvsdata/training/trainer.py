@@ -116,9 +116,9 @@ class Trainer:
 
         Args:
             train_set: Dataset of `(input, target)`.
-            evaluate: Function from the number of finished epochs to results, which are added to the line of the epoch.
-                Default: none. If "validation_accuracy" is among them, the network ends with the weights of the epoch in which it was
-                highest; of equal ones, the last.
+            evaluate: Function from the number of finished epochs to results, which are added to the line of the epoch
+                (default: none). If "validation_accuracy" is among them, the network ends with the weights of the epoch
+                in which it was highest; of equal ones, the last.
             patience: Number of epochs without a higher validation accuracy after which training stops (default None:
                 never).
 

@@ -37,5 +37,5 @@ def test_an_ablation_goes_on_where_it_was_and_draws_its_groups(run, many, tmp_pa
     again = run("ablation.py", *flags)
     assert "2 runs are done, 0 are left" in again
     assert "beta = 5e-6" in again
-    with pytest.raises(SystemExit, match="has runs of other epochs"):
+    with pytest.raises(SystemExit, match="has runs with other epochs"):
         run("ablation.py", *flags[:-1], 2)
