@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import signal
+import time
 import weakref
+from _thread import LockType, allocate_lock, start_new_thread
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Timer, current_thread, main_thread
+from threading import current_thread, main_thread
 from types import CodeType, FrameType
 
 # sent when a terminal is closed, by `kill` and `timeout`, and when a machine is shut down
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 AGAIN_S = 0.01  # until a signal that came within a forbidden function is sent again
+LOST_S = 1.0  # after which it is sent without the thread that was to do so
 
 
 class Ended(KeyboardInterrupt):
@@ -54,7 +57,7 @@ def never_within(codes: set[CodeType]) -> Iterator[None]:
     For functions that a C library calls: it would lose or misreport an exception that is raised in them. Outside the
     main thread nothing is done.
     """
-    waiting: list[Timer] = []
+    waiting: list[tuple[int, LockType]] = []
     numbers = (signal.SIGINT, *ENDING) if current_thread() is main_thread() else ()
     before = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
 
@@ -63,8 +66,11 @@ def never_within(codes: set[CodeType]) -> Iterator[None]:
         while caller is not None:
             # Python ignores exceptions in callbacks of weak references
             if caller.f_code in codes or caller.f_code.co_filename == weakref.__file__:
-                waiting.append(Timer(AGAIN_S, signal.raise_signal, (number,)))
-                waiting[-1].start()
+                raised = allocate_lock()
+                raised.acquire()
+                waiting.append((number, raised))
+                # threading.Thread.start waits for the new thread, and a handler must not wait
+                start_new_thread(_raise_later, (number, raised))
                 return
             caller = caller.f_back
         before[number](number, frame)
@@ -76,8 +82,15 @@ def never_within(codes: set[CodeType]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        for timer in waiting:
-            timer.join()
+        for number, raised in waiting:
+            if not raised.acquire(timeout=LOST_S):
+                signal.raise_signal(number)
+
+
+def _raise_later(number: int, raised: LockType) -> None:
+    time.sleep(AGAIN_S)
+    signal.raise_signal(number)
+    raised.release()
 
 
 def exit_code(error: KeyboardInterrupt) -> int:
