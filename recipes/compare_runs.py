@@ -86,7 +86,7 @@ def same_recordings(folders: dict[str, Path], tables: dict[str, list[Rows]]) -> 
 
 
 def outcomes(rows: Rows, recordings: list[tuple[str, ...]], right: str, count: str) -> np.ndarray:
-    """Whether each prediction is right, [predictions per recording, N]; their order within a recording is arbitrary."""
+    """Return True for each right prediction, [predictions per recording, N], in any order within a recording."""
     rights, counts = (np.array([rows[recording][name] for recording in recordings]) for name in (right, count))
     if len(set(counts)) > 1:
         raise ValueError(f"recordings have different numbers of {count}: {counts.min()} to {counts.max()}")

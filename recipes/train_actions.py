@@ -28,10 +28,11 @@ from __future__ import annotations
 import argparse
 
 import torch
-from training_options import actions_of, add_actions, add_data, add_report, check_data, parsed, run_of, validation
+from training_options import actions_of, add_actions, add_data, add_report, check_data, parsed, run_of
 
 from nvsdata.commands.options import at_least_1
 from nvsdata.training import TrainTestSplit, loader, run, team, to_tensorboard, votes, write_report
+from nvsdata.training.evaluation import validation
 
 
 def main() -> None:

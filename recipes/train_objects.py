@@ -26,12 +26,13 @@ from typing import get_args
 
 import torch
 from torch.utils.data import ConcatDataset
-from training_options import add_data, add_report, add_run, check_data, parsed, run_of, validation
+from training_options import add_data, add_report, add_run, check_data, parsed, run_of
 
 from nvsdata import models
 from nvsdata.commands.options import at_least_1
 from nvsdata.data.pseudo import Pseudo
 from nvsdata.training import Trainer, TrainTestSplit, Votes, loader, run, team, to_tensorboard, votes, write_report
+from nvsdata.training.evaluation import validation
 from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWORKS, SCHEDULES, Objects
 from nvsdata.transforms.events.sampling import BETA
 from nvsdata.transforms.graphs.edges import PSEUDO

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,7 @@ from nvsdata import models
 from nvsdata.commands.options import at_least_1
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.damage import ERRORS
-from nvsdata.training import Team, Trainer, TrainTestSplit, actions, loader, votes
-from nvsdata.training.trainer import VALIDATION
+from nvsdata.training import Team, TrainTestSplit, actions
 
 
 def add_data(parser: argparse.ArgumentParser) -> None:
@@ -91,12 +89,15 @@ def actions_of(args: argparse.Namespace, *, flip: bool = True) -> actions.Action
 def parsed(parser: argparse.ArgumentParser) -> argparse.Namespace:
     """Parse the command line; with --from, as additions to the command line of the run to repeat.
 
+    `known` is then the description of that run's data.
+
     Raises:
         ValueError: The file is no report of this recipe, or no other --out is given.
     """
     source = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     source.add_argument("--from", dest="repeated", type=Path)
     known, _ = source.parse_known_args()
+    parser.set_defaults(known=None)
     if known.repeated is None:
         return parser.parse_args()
     report = read_report(known.repeated)
@@ -107,7 +108,7 @@ def parsed(parser: argparse.ArgumentParser) -> argparse.Namespace:
     args = parser.parse_args([*options, *sys.argv[1:]])
     if args.out == before.out:
         raise ValueError(f"--from needs another --out than {args.out}, which has the run to repeat")
-    args.resume = "--resume" in sys.argv[1:]
+    args.resume, args.known = "--resume" in sys.argv[1:], report["data"]
     return args
 
 
@@ -128,23 +129,14 @@ def check_data(args: argparse.Namespace, data: TrainTestSplit, here: Team) -> No
     Raises:
         ValueError: The recordings differ from those of the run to repeat.
     """
-    if args.repeated is not None:
-        known = read_report(args.repeated)["data"]
-        if differ := [name for name, value in data.data.items() if known.get(name) != value]:
-            raise ValueError(f"{args.root} differs from the data of {args.repeated}: {', '.join(differ)}")
+    differ = [name for name, value in data.data.items() if args.known is not None and args.known.get(name) != value]
+    if differ:
+        raise ValueError(f"{args.root} differs from the data of {args.repeated}: {', '.join(differ)}")
     parts = {"training": data.train(None), "validation": data.validation(None), "testing": data.test(None)}
     here.print(", ".join(f"{len(part)} recordings for {use}" for use, part in parts.items() if part is not None))
     if here.rank == 0 and (same := data.overlap()):
         test, train = next(iter(same.items()))
         here.print(f"warning: {len(same)} test recordings are also training recordings, such as {test} ({train})")
-
-
-def validation(trainer: Trainer, dataset: Any) -> Callable[[int], dict[str, float]] | None:
-    """Return the function that `Trainer.fit` needs to select weights by a dataset; None without one."""
-    if dataset is None:
-        return None
-    batches = loader(dataset, trainer.batch, trainer.team, seed=trainer.seed)
-    return lambda epoch: {VALIDATION: votes(trainer.model, batches, 1, trainer.team).single.value}
 
 
 def run_of(args: argparse.Namespace) -> dict[str, Any]:

@@ -149,19 +149,15 @@ class TrainTestSplit:
         Returns:
             Paths of the test recordings and of the same recordings in the other parts, below the root.
         """
-        others = [
-            name for part in (self._train, self._validation) if part is not None for name in part.recording_names()
-        ]
+        parts = [part for part in (self._train, self._validation) if part is not None]
         source = self._test.source
-        by_size: dict[int, list[str]] = {}
-        for name in others:
-            by_size.setdefault(source.size(name), []).append(name)
-        tested = [name for name in self._test.recording_names() if source.size(name) in by_size]
-        sizes = {source.size(name) for name in tested}
-        known = {source.content(name): name for size in sizes for name in by_size[size]}
-        contents = {name: known.get(source.content(name), name) for name in tested}
+        sizes = {name: source.size(name) for part in parts for name in part.recording_names()}
+        tested = {name: source.size(name) for name in self._test.recording_names()}
+        shared = {*sizes.values()} & {*tested.values()}
+        known = {source.content(name): name for name, size in sizes.items() if size in shared}
+        same = {name: known.get(source.content(name), name) for name, size in tested.items() if size in shared}
         # a file that is in both by its own name has other windows or labeled parts in each
-        return {name: other for name, other in contents.items() if other != name}
+        return {name: other for name, other in same.items() if other != name}
 
 
 def _with(dataset: Any, transform: Any) -> Any:
@@ -183,17 +179,10 @@ def data_of(train: Any, test: Any, seed: int) -> dict[str, Any]:
         A dictionary of dataset, split, fold, seed and the hashes of both sets.
 
     Example:
-        >>> import tempfile
-        >>> from pathlib import Path
-        >>> import nvsdata
+        >>> from types import SimpleNamespace
         >>> from nvsdata import training
-        >>> events = nvsdata.Events([0], [1], [2], [1], sensor_size=(4, 4))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     (Path(folder) / "cats").mkdir()
-        ...     for name in "abcde":
-        ...         _ = nvsdata.write(events, Path(folder) / "cats" / f"{name}.aedat4")
-        ...     dataset = nvsdata.EventFolder(folder)
-        ...     sorted(training.data_of(dataset, dataset, seed=0))
+        >>> cats = SimpleNamespace(info=SimpleNamespace(name="cats"), split_name="train", fold=0, split_hash="f00d")
+        >>> sorted(training.data_of(cats, cats, seed=0))
         ['dataset', 'fold', 'hash', 'seed', 'split', 'test_hash']
     """
     hashes = {"hash": train.split_hash, "test_hash": test.split_hash}

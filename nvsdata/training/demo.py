@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
 from nvsdata.datasets import EventFolder
 from nvsdata.emulation import PIX2NVS
+from nvsdata.training.evaluation import validation
 
 SIZE = 34  # pixels, as in N-MNIST
 FPS = 2_000
@@ -44,10 +44,10 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
         found = ", ".join(kept)
         raise FileExistsError(f"{out} contains a training ({found}) that isn't the demo's: choose another --out")
     make_dataset(data, seed)
-    train, validation = EventFolder(data, "train", transform=pipeline(augmented=True)).split(0.8, seed=seed)
-    validation.transform = pipeline(augmented=False)
+    train, held_out = EventFolder(data, "train", transform=pipeline(augmented=True)).split(0.8, seed=seed)
+    held_out.transform = pipeline(augmented=False)
     test = EventFolder(data, "test", transform=pipeline(augmented=False))
-    counts = f"{len(train)} recordings for training, {len(validation)} for validation, {len(test)} for testing"
+    counts = f"{len(train)} recordings for training, {len(held_out)} for validation, {len(test)} for testing"
     print(f"{counts}, in {shown(data)}")
     plots.save_png(_samples_picture(data), out / "samples.png")
 
@@ -57,17 +57,11 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     trainer = training.Trainer(
         model, optimizer, schedule, out, data=facts, epochs=epochs, batch=BATCH, team=here, seed=seed
     )
-    load = partial(training.loader, batch=BATCH, team=here, seed=seed)
-    held_out = load(validation)
-
-    def evaluate(epoch: int) -> dict[str, float]:
-        return {"validation_accuracy": training.votes(model, held_out, 1, here).single.value}
-
-    best = trainer.fit(train, evaluate)
+    best = trainer.fit(train, validation(trainer, held_out))
     trainer.publish(train.classes, test.transform, best)
     curves = [(name, [line[f"{name}_accuracy"] for line in trainer.lines]) for name in ("train", "validation")]
     plots.save_png(plots.curves(curves, "nvsdata demo: accuracy", "epoch"), out / "learning.png")
-    tested = training.votes(model, load(test, last=VOTES), VOTES, here)
+    tested = training.votes(model, training.loader(test, BATCH, here, seed=seed, last=VOTES), VOTES, here)
     print(f"accuracy on {len(test)} test recordings, with 95% intervals")
     print(f"  one 30 ms window:       {tested.single:.3f}")
     print(f"  vote of {VOTES} such windows: {tested.together:.3f}")

@@ -14,7 +14,9 @@ from torch.utils.data import DataLoader
 
 from nvsdata.metrics.classification import Accuracy, accuracy
 from nvsdata.models.prediction import vote
+from nvsdata.training.data import loader
 from nvsdata.training.processes import Team
+from nvsdata.training.trainer import VALIDATION, Trainer
 
 
 @torch.no_grad()
@@ -78,12 +80,12 @@ class Votes:
 
     @cached_property
     def right_windows(self) -> torch.Tensor:
-        """Which windows are classified correctly: bool [rounds, windows, N]."""
+        """True for each window that is classified correctly, bool [rounds, windows, N]."""
         return correct(self.voters, self.targets)
 
     @cached_property
     def right_votes(self) -> torch.Tensor:
-        """Which votes are correct: bool [rounds, N]."""
+        """True for each correct vote, bool [rounds, N]."""
         return correct(vote(self.voters, 1), self.targets)
 
     @property
@@ -129,3 +131,11 @@ def votes(
     scores, targets = predict(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
     return Votes(voters, targets.chunk(rounds * windows)[0])
+
+
+def validation(trainer: Trainer, dataset: Any) -> Callable[[int], dict[str, float]] | None:
+    """Return the function by which `Trainer.fit` selects weights on a dataset; None without a dataset."""
+    if dataset is None:
+        return None
+    batches = loader(dataset, trainer.batch, trainer.team, seed=trainer.seed)
+    return lambda epoch: {VALIDATION: votes(trainer.model, batches, 1, trainer.team).single.value}

@@ -193,10 +193,10 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
         {7_500: Accuracy(0.5, 0.4, 0.6), 30_000: Accuracy(0.75, 0.7, 0.8)},
         T.RandomWindow(7_000),
     )
-    told_in = json.loads((tmp_path / "report.json").read_text())
-    assert told_in["data"] == {"seed": 3}
-    assert (told_in["run"]["epoch"], told_in["run"]["epoch_chosen_by"]) == (2, "validation accuracy")
-    assert told_in["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by"}
+    written_report = json.loads((tmp_path / "report.json").read_text())
+    assert written_report["data"] == {"seed": 3}
+    assert (written_report["run"]["epoch"], written_report["run"]["epoch_chosen_by"]) == (2, "validation accuracy")
+    assert written_report["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by"}
     assert told == f"report: {tmp_path / 'report.json'}, and 6 plots\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]
