@@ -7,7 +7,8 @@ example of several seeds. All runs must have the same test recordings. Several r
 each recording, and their mean and standard deviation are printed.
 
 Intervals are 95% intervals over recordings, because windows of one recording are correlated. The test is exact and
-paired by recording: with one vote per recording it is McNemar's.
+paired by recording: with one vote per recording it is McNemar's. Both are about these trained networks: the variation
+between trainings isn't in them, so compare the standard deviations over several seeds, too.
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ def runs_in(folder: Path) -> list[Path]:
 def read(folder: Path) -> Rows:
     """The numbers of a run's predictions."""
     path, rows = folder / PREDICTIONS, {}
-    with path.open(newline="", encoding="utf-8") as file:
+    # other bytes than UTF-8 aren't the columns or numbers that are checked below
+    with path.open(newline="", encoding="utf-8", errors="surrogateescape") as file:
         table = csv.DictReader(file)
         if tuple(table.fieldnames or ()) != COLUMNS:
             raise FormatError(path, f"the columns must be {', '.join(COLUMNS)}")

@@ -71,6 +71,8 @@ def test_what_is_no_run_is_named(run, tmp_path):
         bad.mkdir(exist_ok=True)
         (bad / "predictions.csv").write_text(text)
         assert words in refused(run, a, bad)
+    (bad / "predictions.csv").write_bytes(bytes(range(128, 256)))
+    assert "the columns must be recording, part_us" in refused(run, a, bad)
     uneven = write(tmp_path / "uneven", [1, 1, 0])
     path = uneven / "predictions.csv"
     path.write_text(path.read_text().replace("cat/1.bin,,cat,cat,1,1", "cat/1.bin,,cat,cat,1,2"))
