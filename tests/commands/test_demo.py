@@ -112,19 +112,33 @@ def test_the_picture_shows_the_beginnings_of_eight_recordings_of_each_shape(tmp_
 
 
 def test_only_what_is_trained_on_is_augmented(tmp_path, monkeypatch):
-    asked = []
+    made = []
 
-    def folder(root, split, transform):
-        asked.append((root, split, len(transform.transforms)))
-        if split == "test":
-            raise OSError("enough")
+    class Folder:
+        def __init__(self, root, split, transform):
+            self.root, self.split_name, self.transform, self.classes = root, split, transform, list("ab")
+            made.append(self)
 
-    monkeypatch.setattr(demo, "make_dataset", lambda root, seed: asked.append((root, seed)))
-    monkeypatch.setattr(demo, "EventFolder", folder)
+        def __len__(self):
+            return 10
+
+        def split(self, share, seed):
+            return self, Folder(self.root, "validation", self.transform)
+
+    def network(name, classes):
+        raise OSError("enough")
+
+    monkeypatch.setattr(demo, "make_dataset", lambda root, seed: None)
+    monkeypatch.setattr(demo, "EventFolder", Folder)
+    monkeypatch.setattr(demo, "_samples_picture", lambda data: np.zeros((2, 2, 3), np.uint8))
+    monkeypatch.setattr(demo.models, "rgcnn", network)
     with pytest.raises(OSError, match="enough"):
         demo.train(tmp_path, 1, 7)
-    data = tmp_path / "shapes"
-    assert asked == [(data, 7), (data, "train", 5), (data, "test", 3)]
+    assert [(data.root, data.split_name, len(data.transform.transforms)) for data in made] == [
+        (tmp_path / "shapes", "train", 5),
+        (tmp_path / "shapes", "validation", 3),
+        (tmp_path / "shapes", "test", 3),
+    ]
 
 
 @pytest.mark.parametrize("name", ["log.jsonl", "checkpoint.pt", "model.safetensors"])
