@@ -1,4 +1,4 @@
-"""Manifest of a folder of recordings: the settings, and a line of JSON per video."""
+"""Manifest of a folder of recordings, from which a run resumes: the settings, and a line of JSON per video."""
 
 from __future__ import annotations
 

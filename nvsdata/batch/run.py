@@ -1,4 +1,4 @@
-"""Run over a folder of videos: the videos that wait, the result of each, and a report."""
+"""Run over a folder of videos, resumed where the last one ended: remaining videos, their results, and a report."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ PARTS = {"train": "1", "test": "2"}
 
 @cache
 def official() -> dict[str, dict[str, str]]:
-    """Return HMDB51's splits: for each class and video its three parts, as "120" (1: train, 2: test, 0: neither)."""
+    """Return HMDB51's splits: by class and video a digit per split, such as "120" (1: train, 2: test, 0: neither)."""
     found: dict[str, dict[str, str]] = {}
     for line in gzip.decompress(SHIPPED.read_bytes()).decode().splitlines():
         if line.endswith(":"):

@@ -29,7 +29,7 @@ ZIPS = (
 
 
 class MNISTDVS(EventDataset):
-    """MNIST-DVS (Serrano-Gotarredona and Linares-Barranco 2015): moving digits on a monitor, a DVS128.
+    """MNIST-DVS (Serrano-Gotarredona and Linares-Barranco 2015): moving digits on a monitor, recorded by a DVS128.
 
     10,000 digits, each at three scales, about 2.3 s per recording, in
     `grabbed_data<d>/scale<s>/mnist_<d>_scale<ss>_<id>.aedat`. The monitor's refresh rate of 75 Hz is visible in the

@@ -162,7 +162,7 @@ class _Index:
 
 
 def _is_place(entry: Any) -> bool:
-    """Return whether an entry of an index has the places of windows: in order, with possible times."""
+    """Return whether an entry of an index lists windows: in order, with possible times."""
     try:
         numbers = [entry["end"], *entry["stamp"], *(number for begin in entry["begins"] for number in begin)]
         times = [begin for begin, before in entry["begins"] if before >= 0]

@@ -99,6 +99,6 @@ def find_peak(places: np.ndarray, values: np.ndarray) -> Peak:
 
 
 def interval(samples: np.ndarray) -> tuple[float, float]:
-    """Return the percentile interval of a bootstrap, whose first sample, the estimate, it contains."""
+    """Return the percentile interval of bootstrap samples, extended to contain the estimate, `samples[0]`."""
     low, high = np.quantile(samples[1:], ((1 - LEVEL) / 2, (1 + LEVEL) / 2)).tolist()
     return min(low, float(samples[0])), max(high, float(samples[0]))

@@ -100,7 +100,7 @@ class TextRecording(FileRecording):
         return columns.take(slice(first, last))
 
     def _around(self, time: int) -> tuple[int, int]:
-        """Return two offsets between which the first event at or after `time` begins; a line begins at the first."""
+        """Return a range of bytes in which the first event at or after `time` begins. The range begins with a line."""
         lo, hi = self._body, self._contents.size
         while hi - lo > CHUNK:
             middle = (lo + hi) // 2

@@ -216,8 +216,8 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
         model = NETWORKS[kind](**_tuples(settings))
     expected = {name: (tuple(v.shape), v.is_floating_point()) for name, v in model.state_dict().items()}
     given = {name: (tuple(v.shape), v.is_floating_point()) for name, v in state.items()}
-    if odd := sorted(name for name in expected.keys() | given.keys() if expected.get(name) != given.get(name)):
-        raise ValueError(f"{len(odd)} weights are missing or of another size, first {odd[0]!r:.100}")
+    if different := sorted(name for name in expected.keys() | given.keys() if expected.get(name) != given.get(name)):
+        raise ValueError(f"{len(different)} weights are missing or of another size, first {different[0]!r:.100}")
     return model
 
 

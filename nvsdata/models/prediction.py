@@ -1,4 +1,4 @@
-"""Predictions of trained networks for recordings."""
+"""Predictions of trained networks for recordings, by voting over windows."""
 
 from __future__ import annotations
 

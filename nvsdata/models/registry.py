@@ -50,8 +50,8 @@ def register_network(name: str) -> Callable[[Network], Network]:
         build = kind.__init__
         # a network without an __init__ has that of modules, which takes anything
         signature = inspect.signature(_without_arguments if build is nn.Module.__init__ else build)
-        odd = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD, inspect.Parameter.POSITIONAL_ONLY)
-        if any(parameter.kind in odd for parameter in list(signature.parameters.values())[1:]):
+        unnamed = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD, inspect.Parameter.POSITIONAL_ONLY)
+        if any(parameter.kind in unnamed for parameter in list(signature.parameters.values())[1:]):
             raise TypeError(f"{kind.__name__} can't be built again from a file: its arguments need names, not * or **")
         NETWORKS.register(name, kind)
 

@@ -258,7 +258,7 @@ def _pieces(
         report.samples += piece.inertial.t.size
         report.temperature = piece.about.get("temperature", report.temperature)
         usb = getattr(camera, "faults", 0)
-        report.error_counts = decoder.error_counts | {"odd_bytes": reader.odd, "usb_errors": usb}
+        report.error_counts = decoder.error_counts | {"odd_bytes": reader.odd_bytes, "usb_errors": usb}
         report.received, report.lost = reader.received, reader.lost
         report.triggers += triggers.tolist()
         watch(report, piece)

@@ -69,7 +69,7 @@ class CameraReader(Thread):
     def __init__(self, camera: Camera, seconds: float | None, stop: Event) -> None:
         super().__init__(name="nvsdata-reader", daemon=True)
         self.camera, self.seconds, self.stop = camera, seconds, stop
-        self.received = self.lost = self.odd = 0
+        self.received = self.lost = self.odd_bytes = 0
         self.ended = TIME_UP
         self.gone = False
         self._begun = False
@@ -157,7 +157,7 @@ class CameraReader(Thread):
         self.received += len(block)
         if left_over := len(block) % self.camera.unit:
             # a part of a word would shift all words after it
-            self.odd += 1
+            self.odd_bytes += 1
             block = block[:-left_over]
         waiting = self._read_out.size + (self._kept.size if self._kept is not self._read_out else 0)
         if waiting + len(block) > ROOM:

@@ -31,7 +31,7 @@ class Recorder(Thread):
         super().__init__(name="nvsdata-recorder", daemon=True)
         self.camera, self.path, self.settings = camera, path, settings
         self.report = RecordingReport(path)
-        self.begun, self.over = Event(), Event()
+        self.begun, self.ended = Event(), Event()
         self._watch, self._asked = watch, Event()
         self._how: dict[str, Any] = {"seconds": seconds, "journaled": journaled}
         self._error: BaseException | None = None
@@ -42,7 +42,7 @@ class Recorder(Thread):
         except BaseException as error:
             self._error = error
         finally:
-            self.over.set()
+            self.ended.set()
             self.begun.set()
 
     def _seen(self, report: RecordingReport, events: Events) -> None:
@@ -51,7 +51,7 @@ class Recorder(Thread):
 
     def check(self) -> None:
         """Raise the error that ended the recording, if there is one."""
-        if self.over.is_set() and (error := self._error or self.report.failure):
+        if self.ended.is_set() and (error := self._error or self.report.failure):
             raise error
 
     def finish(self) -> RecordingReport:

@@ -178,7 +178,7 @@ def _shown(
         recorder = Recorder(camera, out, settings, seconds=seconds, watch=both)
         recorder.start()
         try:
-            while not (recorder.over.wait(0.01) or window.closed or stop.is_set()):
+            while not (recorder.ended.wait(0.01) or window.closed or stop.is_set()):
                 window.attend()
                 window.draw()
         finally:

@@ -94,7 +94,7 @@ def fit_clock(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarra
     camera = max(tried, key=lambda times: int(np.isfinite(times).sum()))
     found = np.isfinite(camera)
     if found.sum() < max(6, LEAST * host.size):
-        raise NoSync(f"of {host.size} flashes the camera saw {int(found.sum())}: is the entire screen in its view?")
+        raise NoSync(f"of {host.size} flashes the camera saw {int(found.sum())}: point it at the entire screen")
     offset, slope, residual, used = _line(host[found], camera[found], rising[found])
     if used < LEAST * host.size:
         raise NoSync(f"of {host.size} flashes only {used} agree in time")

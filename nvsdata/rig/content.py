@@ -102,7 +102,7 @@ class Inspector:
 
         `TakeRejected` if it has too few events, or, when `strict`, if anything about it is unusual.
         """
-        found, seconds = self.look(span, video), (span.stop - span.start) / MICROSECONDS
+        found, seconds = self.measure(span, video), (span.stop - span.start) / MICROSECONDS
         fewest = FEWEST * seconds
         if found.emulated:
             # a video may move only for a moment
@@ -117,7 +117,7 @@ class Inspector:
             raise TakeRejected("; ".join(doubts))
         return {"content": found.as_dict()} | ({"look": doubts} if doubts else {})
 
-    def look(self, span: Span, video: Path) -> Content:
+    def measure(self, span: Span, video: Path) -> Content:
         """Measure the quality of a take of a video."""
         size = span.recording.sensor_size
         corners, cover, seen = self._screen(span)
@@ -225,7 +225,7 @@ def _counts(recording: Recording, start: int, stop: int, bins: int) -> tuple[np.
 
 
 def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[float | None, float, float, float]:
-    """`scale`, `gap`, `hidden` and `stray` of `Content`, from events that were found and due [bins, cells]."""
+    """Return `scale`, `gap`, `hidden` and `stray` of `Content`, from recorded and expected events [bins, cells]."""
     seconds = len(found) * BIN / MICROSECONDS
     second = min(MICROSECONDS // BIN, len(due))
     busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()

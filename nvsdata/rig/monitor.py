@@ -15,7 +15,7 @@ from nvsdata.recording.live_view import DisplayError, pygame_or_error
 from nvsdata.video.frames import VideoFrame
 
 Scaling = Literal["aspect", "integer"]
-Look = Callable[[float, np.ndarray], None]
+OnChange = Callable[[float, np.ndarray], None]
 USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
 TRIALS = 240  # flips by which the refresh is measured
 SAME = 0.01  # fraction by which a measured refresh may differ from that of the display's settings
@@ -42,7 +42,8 @@ class Monitor:
         scaling: How images fit into it: "aspect", as large as possible; "integer", by the largest whole number
             (default "aspect").
         window: (width, height) of a window in place of the whole screen (default: none).
-        look: Called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change.
+        on_change: Called whenever the screen changes, with the host time (µs) and the pixels (uint8 [H, W, 3], red
+            first).
     """
 
     def __init__(
@@ -52,12 +53,12 @@ class Monitor:
         region: tuple[int, int, int, int] | None = None,
         scaling: Scaling = "aspect",
         window: tuple[int, int] | None = None,
-        look: Look | None = None,
+        on_change: OnChange | None = None,
     ) -> None:
         if scaling not in get_args(Scaling):
             raise ValueError(f"scaling must be one of {get_args(Scaling)}, not {scaling!r}")
         self._pygame = pygame = pygame_or_error()
-        self.scaling, self._look = scaling, look
+        self.scaling, self._on_change = scaling, on_change
         self.check: Callable[[], None] = lambda: None
         self.confirmed = False
         try:
@@ -172,8 +173,8 @@ class Monitor:
         except self._pygame.error as error:
             raise DisplayError(f"the display is gone: {error}") from None
         now = host_time()
-        if self._look is not None:
-            self._look(now, np.ascontiguousarray(self._pygame.surfarray.pixels3d(self._surface).swapaxes(0, 1)))
+        if self._on_change is not None:
+            self._on_change(now, np.ascontiguousarray(self._pygame.surfarray.pixels3d(self._surface).swapaxes(0, 1)))
         return now
 
     def _placed(self, frame: VideoFrame) -> tuple[np.ndarray, tuple[int, int]]:

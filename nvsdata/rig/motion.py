@@ -21,7 +21,7 @@ PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8, 
 
 
 def histogram(events: Events, start: int, bins: int, width: int) -> np.ndarray:
-    """Events per bin of `width` µs from `start` on, and cell, [bins, cells]."""
+    """Count events by cell of pixels and by bin of `width` µs from `start` on, [bins, cells]."""
     columns, rows = (-(-side // CELL) for side in events.sensor_size)
     cell = (events.y // CELL).astype(np.intp) * columns + events.x // CELL
     key = ((events.t - start) // width) * (columns * rows) + cell
@@ -31,7 +31,7 @@ def histogram(events: Events, start: int, bins: int, width: int) -> np.ndarray:
 def emulated(
     video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int], bins: int, drift: float = 0.0
 ) -> np.ndarray:
-    """Return the events that PIX2NVS emulates for a video on the screen, per bin of time and cell, [bins, cells].
+    """Count the events that PIX2NVS emulates for a video on the screen, by time bin and cell of pixels, [bins, cells].
 
     Args:
         video: The video.

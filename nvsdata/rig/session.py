@@ -36,14 +36,14 @@ def run_calibration(
 
     FileExistsError if there are some already, unless `overwrite` is true.
     """
-    backend, look = _watched(chosen)
+    backend, show = _watched(chosen)
     out.mkdir(parents=True, exist_ok=True)
     with claimed(out):
         if (out / FIGURES).exists() and not overwrite:
             raise FileExistsError(f"{out / FIGURES} already exists: --overwrite replaces it and the files next to it")
         with (
             chosen.find(backend) as camera,
-            Monitor(**screen, window=WINDOW if chosen.simulate else None, look=look) as monitor,
+            Monitor(**screen, window=WINDOW if chosen.simulate else None, on_change=show) as monitor,
         ):
             _warn_about_refresh(monitor, chosen)
             say("aim and focus until the image is sharp, then press Enter (Escape to leave)")
@@ -72,8 +72,8 @@ def run_batch(
     """
     videos = videos_in(source, out, options.format)[: options.limit]
     check_format(videos[0].target, chosen.settings)
-    backend, look = _watched(chosen)
-    with Monitor(**screen, window=WINDOW if chosen.simulate else None, look=look) as monitor:
+    backend, show = _watched(chosen)
+    with Monitor(**screen, window=WINDOW if chosen.simulate else None, on_change=show) as monitor:
         rig = Rig(lambda: chosen.find(backend), monitor, chosen.settings)
         with manifest_of(out, videos, rig, options) as manifest:
             _warn_about_refresh(monitor, chosen)

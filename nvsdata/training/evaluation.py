@@ -1,4 +1,4 @@
-"""Predictions of a network for recordings, and their accuracy."""
+"""Accuracy of a network on recordings, by single windows and by voting over windows."""
 
 from __future__ import annotations
 

@@ -91,11 +91,11 @@ def measure(place: Path, simulation: Simulation) -> dict[str, float]:
         return fields
 
     take.trim = trim
-    backend, look = simulation.watched(ObservedDavis)
+    backend, show = simulation.watched(ObservedDavis)
     videos = videos_in(place / "in", place / "out")
     began_at = time.perf_counter()
     with (
-        Monitor(window=(640, 480), look=look) as monitor,
+        Monitor(window=(640, 480), on_change=show) as monitor,
     ):
         rig = Rig(lambda: Davis.find(backend=backend), monitor, CameraSettings())
         with batch.manifest_of(place / "out", videos, rig, batch.BatchOptions()) as manifest:

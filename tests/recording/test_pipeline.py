@@ -165,7 +165,7 @@ def test_parts_of_words_are_dropped_and_counted(monkeypatch):
     camera.unit = 4
     reader, taken = read(camera, monkeypatch, seconds=1)
     assert taken == b"abcdefgAijkl"
-    assert (reader.odd, reader.received, reader.lost) == (3, 18, 0)
+    assert (reader.odd_bytes, reader.received, reader.lost) == (3, 18, 0)
 
 
 @pytest.mark.parametrize("journaled", [False, True])

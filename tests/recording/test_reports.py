@@ -117,7 +117,7 @@ class Blocks(SimpleNamespace):
     """A reader from which nothing comes."""
 
     def __init__(self):
-        super().__init__(odd=3, received=10, lost=2, ended=None)
+        super().__init__(odd_bytes=3, received=10, lost=2, ended=None)
 
     def take(self):
         return b""
@@ -272,7 +272,7 @@ def test_a_recorder_tells_how_it_ended(monkeypatch, found):
         how.update(given, path=path)
         given["watch"](RecordingReport(None), events_at())
         assert recorder.begun.is_set()
-        assert not recorder.over.is_set()
+        assert not recorder.ended.is_set()
         recorder.check()
         if isinstance(found, Exception):
             raise found
@@ -285,7 +285,7 @@ def test_a_recorder_tells_how_it_ended(monkeypatch, found):
     assert recorder.daemon is True
     recorder.run()
     assert (how["seconds"], how["journaled"], how["path"], len(watched)) == (3, False, "a.h5", 1)
-    assert recorder.over.is_set()
+    assert recorder.ended.is_set()
     assert not how["stop"].is_set()
     if getattr(found, "whole", False):
         recorder.check()

@@ -34,7 +34,7 @@ def recorded(source, out, camera, *, before=lambda camera, call: None, resume=Fa
     videos = videos_in(source, out, format)
     backend = Backend(camera, before=before)
     with (
-        Monitor(window=(320, 240), look=camera.scene.look) as monitor,
+        Monitor(window=(320, 240), on_change=camera.scene.show) as monitor,
     ):
         rig = Rig(lambda: Davis.find(backend=backend), monitor, CameraSettings())
         options = BatchOptions(format, resume=resume, until_full=True)
@@ -236,7 +236,7 @@ def test_frames_and_samples_are_cut_with_their_video(tmp_path):
     camera = SimulatedDavis(scene=Watched())
     backend, settings = Backend(camera), CameraSettings(frames=True)
     with (
-        Monitor(window=(320, 240), look=camera.scene.look) as monitor,
+        Monitor(window=(320, 240), on_change=camera.scene.show) as monitor,
     ):
         rig = Rig(lambda: Davis.find(backend=backend), monitor, settings)
         with batch.manifest_of(tmp_path / "out", videos, rig, BatchOptions()) as manifest:

@@ -210,7 +210,7 @@ def shown(count, gap=None):
         (6, 6, None),
         (5, 5, "5 flashes and 5 triggers can't be matched"),
         (20, 12, None),
-        (20, 11, "of 20 flashes the camera saw 11: is the entire screen in its view"),
+        (20, 11, "of 20 flashes the camera saw 11: point it at the entire screen"),
         (8, 6, None),
         (8, 5, "of 8 flashes the camera saw 5"),
     ],

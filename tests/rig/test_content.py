@@ -45,9 +45,9 @@ def lab_of_one(tmp_path_factory):
             patch.setattr(playback, name, getattr(playback, name))
         patch.setattr(take, "MOST_WRONG", take.MOST_WRONG)
         lab.hurry()
-        backend, look = Simulation().watched()
+        backend, show = Simulation().watched()
         folder = tmp_path_factory.mktemp("takes")
-        with Monitor(window=(320, 240), look=look) as monitor:
+        with Monitor(window=(320, 240), on_change=show) as monitor:
             rig = Rig(lambda: Davis.find(backend=backend), monitor, CameraSettings())
 
             def recorded(video):
@@ -81,7 +81,7 @@ def judged(lab_of_one, video, span, events, path, **how):
         take=ScreenRecording(path, span.take.report, span.take.performance), recording=nvsdata.open(path)
     )
     inspector = Inspector(lab_of_one.monitor, **how)
-    found = inspector.look(other, video)
+    found = inspector.measure(other, video)
     return found, inspector.doubts(found)
 
 
@@ -198,7 +198,7 @@ def test_a_screen_that_hardly_a_pixel_sees_is_no_quiet_video(lab_of_one, video, 
     with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: hardly a pixel saw the screen"):
         Inspector(lab_of_one.monitor).judged(odd, video, 150)
     # other recordings, or a calibration, tell where it should be
-    others = [Inspector(lab_of_one.monitor).look(span, video).as_dict()] * 3
+    others = [Inspector(lab_of_one.monitor).measure(span, video).as_dict()] * 3
     for known in (Inspector(lab_of_one.monitor, others=others), Inspector(lab_of_one.monitor, others[0]["corners"])):
         with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: its motion should cause about \d+"):
             known.judged(odd, video, 150)

@@ -31,7 +31,7 @@ def picture(width, height, color=(10, 20, 200)):
 
 def test_a_picture_is_as_large_as_fits_and_black_around():
     eye = Eye()
-    with Monitor(window=(200, 100), look=eye) as monitor:
+    with Monitor(window=(200, 100), on_change=eye) as monitor:
         monitor.show(picture(20, 20))
     shown = eye.pictures[-1]
     assert shown.shape == (100, 200, 3)
@@ -44,7 +44,7 @@ def test_a_picture_is_as_large_as_fits_and_black_around():
 def test_whole_numbers_keep_pixels_whole():
     eye = Eye()
     checks = np.indices((10, 10)).sum(0).astype(np.uint8) % 2 * 255
-    with Monitor(window=(100, 100), region=(20, 10, 60, 45), scaling="integer", look=eye) as monitor:
+    with Monitor(window=(100, 100), region=(20, 10, 60, 45), scaling="integer", on_change=eye) as monitor:
         monitor.show(VideoFrame(0, checks))
     shown = eye.pictures[-1]
     # 45 of height are room for 4 a pixel, in the middle of the region
@@ -62,7 +62,7 @@ def test_each_picture_comes_at_the_refresh_nearest_to_its_time(clock, synced):
     """By a clock of the test's own, so that neither the load of the machine nor the code decides what is late."""
     clock.synced = synced
     eye = Eye()
-    with Monitor(window=(64, 48), look=eye) as monitor:
+    with Monitor(window=(64, 48), on_change=eye) as monitor:
         assert monitor.synced == synced
         period = monitor.refresh
         assert period == pytest.approx(clock.PERIOD, abs=50)

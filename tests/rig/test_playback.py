@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("quick")
 def test_a_video_between_two_patterns(tmp_path):
     seen = []
     video = make_video(tmp_path / "a.avi", frames=6, fps=20)
-    with Monitor(window=(64, 48), look=lambda time, picture: seen.append((time, picture[0, 0, 0]))) as monitor:
+    with Monitor(window=(64, 48), on_change=lambda time, picture: seen.append((time, picture[0, 0, 0]))) as monitor:
         done = perform(monitor, video)
     changes = np.count_nonzero(np.diff(np.concatenate(([0], playback.flashes().astype(int), [0]))))
     assert len(done.flashes) == len(done.bright) == 2 * changes
@@ -37,7 +37,7 @@ def test_every_picture_is_shown_when_it_is_due(tmp_path, clock):
     seen = []
     # what is shown says which picture it is
     video = make_video(tmp_path / "a.avi", frames=20, fps=12.5)
-    with Monitor(window=(80, 60), look=lambda time, picture: seen.append((time, picture.copy()))) as monitor:
+    with Monitor(window=(80, 60), on_change=lambda time, picture: seen.append((time, picture.copy()))) as monitor:
         done = perform(monitor, video)
         refresh = monitor.refresh
     shown = dict(seen)
@@ -61,7 +61,7 @@ def test_pictures_that_come_too_late_are_skipped_and_counted(tmp_path):
         if picture[0, 0, 0] not in (DIM, BRIGHT):
             time.sleep(0.08)
 
-    with Monitor(window=(80, 60), look=slow) as monitor:
+    with Monitor(window=(80, 60), on_change=slow) as monitor:
         done = perform(monitor, make_video(tmp_path / "a.avi", frames=10, fps=25))
     assert done.skipped > 0
     assert done.frames == 10
@@ -79,7 +79,7 @@ def test_a_video_that_is_cut_off_is_shown_as_far_as_it_goes(tmp_path):
 def test_what_is_no_video_is_told_before_anything_is_shown(tmp_path):
     (tmp_path / "a.avi").write_bytes(b"RIFF....")
     seen = []
-    with Monitor(window=(64, 48), look=lambda *shown: seen.append(shown)) as monitor, pytest.raises(FormatError):
+    with Monitor(window=(64, 48), on_change=lambda *shown: seen.append(shown)) as monitor, pytest.raises(FormatError):
         perform(monitor, tmp_path / "a.avi")
     assert not seen
 
@@ -91,7 +91,7 @@ def test_nothing_jumps_between_the_dim_level_and_the_picture(tmp_path, monkeypat
     white = np.full((60, 80), 255, np.uint8)
     frames = [VideoFrame(0, white), VideoFrame(40_000, white)]
     monkeypatch.setattr(playback, "frames_of", lambda video: iter(frames))
-    with Monitor(window=(100, 60), look=lambda moment, picture: seen.append((moment, picture.copy()))) as monitor:
+    with Monitor(window=(100, 60), on_change=lambda moment, picture: seen.append((moment, picture.copy()))) as monitor:
         done = perform(monitor, tmp_path / "white")
     picture = [shown for moment, shown in seen if moment not in done.flashes]
     middle = np.array([int(shown[30, 50, 0]) for shown in picture])
@@ -131,9 +131,9 @@ def test_the_drops_are_counted_close_to_the_video(tmp_path):
 
 def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_shown(tmp_path):
     fast, seen = make_video(tmp_path / "fast.avi", frames=24, fps=120), []
-    look = {"look": lambda *shown: seen.append(shown)}
+    on_change = {"on_change": lambda *shown: seen.append(shown)}
     told = "the video has 120 frames per second, and the screen shows 60"
-    with Monitor(window=(64, 48), **look) as monitor, pytest.raises(ValueError, match=told):
+    with Monitor(window=(64, 48), **on_change) as monitor, pytest.raises(ValueError, match=told):
         perform(monitor, fast)
     assert not seen
     # as fast as the screen is fast enough

@@ -114,7 +114,7 @@ def _is_copy(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: 
 
 
 def extract_file(path: Path, file: str, target: Path) -> None:
-    """Write the entry of an archive that is named `file`, in any folder, to `target`; DownloadError if that fails."""
+    """Extract the entry named `file`, in any folder of the archive, to `target`; DownloadError if that fails."""
     with _as_download_error(f"{shown(path)}: damaged archive"), _opened(path, shown(path)) as archive:
         entries = list(_entries(archive, shown(path), target.parent, _Budget(MOST_BYTES, MOST_FILES)))
         found = [entry for entry in entries if entry.name.rsplit("/", 1)[-1] == file]

@@ -130,7 +130,7 @@ class Aedat4Recording(FileRecording):
         return Packets(*packets)
 
     def _fits(self, kept: np.ndarray) -> bool:
-        """Return whether a cached index can be one of this file; some of its packets are compared with the file."""
+        """Return whether a cached index may belong to this file; some of its packets are compared with the file."""
         if kept.dtype != np.int64 or kept.ndim != 2 or len(kept) != len(Packets._fields):
             return False
         packets = Packets(*kept)

@@ -52,7 +52,7 @@ class EvtRecording(IndexedFile):
     _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
 
     def _heads(self, raw: np.ndarray) -> np.ndarray:
-        """Return the words, or their lower halves of 32 bits, whose type begins at bit `high_bits`."""
+        """Return the words, of 64-bit words the lower halves; their types begin at bit `high_bits`."""
         size = min(self.record_size, 4)
         return raw.view(f"<u{size}")[:: self.record_size // size]
 

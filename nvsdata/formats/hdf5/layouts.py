@@ -206,7 +206,7 @@ class Hdf5Recording(FileRecording):
             return self._edges(source) if self._in_order(source) else None
 
     def _datasets(self, file: Any) -> Callable[[str], Any]:
-        """Return a function that gives datasets of an open file by name, within one limit of decompression."""
+        """Return a function that opens datasets by name; all of them share one limit on decompressed bytes."""
         return partial(dataset_of, self.path, file, left=Allowance(self._file.size))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:

@@ -102,8 +102,8 @@ struct Event {
     u32 marked() const { return data & 1; }
 };
 
-// Decode events as if all were sound, and note in `odd` if one isn't.
-NVSDATA_INLINE void decode_sound(Span<const u8> records, i64 added, Bounds bounds, Columns out, int* odd) {
+// Decode events as if all were valid; set `has_invalid` if one isn't.
+NVSDATA_INLINE void decode_sound(Span<const u8> records, i64 added, Bounds bounds, Columns out, int* has_invalid) {
     int strange = 0;
     for (i64 i = 0; i < out.t.size(); ++i) {
         Event event(word_at<u64>(records, SIZE * i));
@@ -114,7 +114,7 @@ NVSDATA_INLINE void decode_sound(Span<const u8> records, i64 added, Bounds bound
         out.y[i] = i16(event.y());
         out.p[i] = u8(event.p());
     }
-    *odd |= strange;
+    *has_invalid |= strange;
 }
 
 }  // namespace
@@ -137,9 +137,9 @@ std::tuple<i64, i64, i64, i64> aedat3_decode(Span<const u8> raw, i64 base, Rows<
             bounds.early = u32(std::max<i64>(minus(minus(packet.first, packet.added), DISORDER_US), 0));
             bounds.late = u32(std::min(plus(minus(packet.last, packet.added), DISORDER_US), BITS_31 - 1));
         }
-        int odd = 0;
-        best<decode_sound>(records, packet.added, bounds, out, &odd);
-        if (!odd) {
+        int has_invalid = 0;
+        best<decode_sound>(records, packet.added, bounds, out, &has_invalid);
+        if (!has_invalid) {
             kept += number;
             continue;
         }

@@ -124,8 +124,9 @@ void atis_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> times, 
 
 namespace {
 
-// Decode words as if all were events within the sensor, and note in `odd` if one isn't.
-NVSDATA_INLINE void decode_words(Span<const u64> words, i64 offset, i32 right, i32 bottom, Columns out, int* odd) {
+// Decode words as if all were events within the sensor; set `has_invalid` if one isn't.
+NVSDATA_INLINE void decode_words(Span<const u64> words, i64 offset, i32 right, i32 bottom, Columns out,
+                                 int* has_invalid) {
     int outside = 0;
     for (i64 i = 0; i < words.size(); ++i) {
         u64 word = words[i];
@@ -136,19 +137,19 @@ NVSDATA_INLINE void decode_words(Span<const u64> words, i64 offset, i32 right, i
         out.y[i] = i16(y);
         out.p[i] = word >> 23 & 1;
     }
-    *odd |= outside;
+    *has_invalid |= outside;
 }
 
 // Decode records as if all were events within the sensor; returns false if one isn't.
 bool decode_events(Span<const u8> raw, i64 offset, i32 right, i32 bottom, const Columns& out) {
     alignas(64) u64 words[BLOCK];
-    int odd = 0;
+    int has_invalid = 0;
     for (i64 from = 0; from < out.t.size(); from += BLOCK) {
         i64 to = std::min(from + BLOCK, out.t.size());
         gather(raw, from, {words, to - from});
-        best<decode_words>(Span<const u64>(words, to - from), offset, right, bottom, out.part(from, to), &odd);
+        best<decode_words>(Span<const u64>(words, to - from), offset, right, bottom, out.part(from, to), &has_invalid);
     }
-    return !odd;
+    return !has_invalid;
 }
 
 }  // namespace

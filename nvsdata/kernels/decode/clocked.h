@@ -17,11 +17,11 @@ struct Place {
     u32 on, other;  // polarity, not valid above 1; bits that only a record other than an event has
 };
 
-// Decode all words but the first, which is that of the record before, as if all were events within the sensor and times
-// never fell; note in `odd` if it isn't so.
+// Decode all words but the first, which belongs to the previous record, as if all were events within the sensor and
+// times never fell; set `has_invalid` if one isn't, or if a time falls.
 template <class Layout>
 NVSDATA_INLINE void decode_evenly(Layout layout, Span<const u64> words, i64 offset, i32 right, i32 bottom, Columns out,
-                                  int* odd) {
+                                  int* has_invalid) {
     int strange = 0;
     for (i64 i = 0; i < out.t.size(); ++i) {
         u64 word = layout.turned(words[i + 1]);
@@ -34,7 +34,7 @@ NVSDATA_INLINE void decode_evenly(Layout layout, Span<const u64> words, i64 offs
         out.y[i] = i16(place.y);
         out.p[i] = u8(place.on);
     }
-    *odd |= strange;
+    *has_invalid |= strange;
 }
 
 // Decode records; those that aren't events are left out. `block`: number of records in a block, for the clock `state`.
@@ -50,17 +50,17 @@ Found decode_clocked(Layout layout, Span<const u8> raw, i64 block, i64 width, i6
     i64 begun = u32(record(0)), ended = u32(record(size - 1));
     clock.begin(begun);
     i64 offset = minus(nearest(begun, clock.last(), 32), begun);
-    int odd = clock.mixed() || ended - begun >= WRAP_US / 2;
+    int has_invalid = clock.mixed() || ended - begun >= WRAP_US / 2;
     alignas(64) u64 words[TOGETHER + 1];  // a copy: the vectorizer wants numbers that no column overlaps
-    // records that aren't events appear early, so little is decoded twice
-    for (i64 from = 0; from < size && !odd; from += TOGETHER) {
+    // the first record that isn't an event usually comes early, so little is decoded twice
+    for (i64 from = 0; from < size && !has_invalid; from += TOGETHER) {
         i64 some = std::min(TOGETHER, size - from);
         words[0] = word_at<u64>(raw, 8 * std::max<i64>(from - 1, 0));
         std::memcpy(words + 1, raw.part(8 * from, 8 * (from + some)).data(), std::size_t(8 * some));
         best<decode_evenly<Layout>>(layout, Span<const u64>(words, some + 1), offset, right, bottom,
-                                    out.part(from, from + some), &odd);
+                                    out.part(from, from + some), &has_invalid);
     }
-    if (!odd) {
+    if (!has_invalid) {
         clock.go_evenly(out.t, block);
         return {size, -1};
     }

@@ -33,7 +33,7 @@ struct Seen {
     i64 words;        // before the piece
     i64 jump;         // the first word that no camera wrote, -1 if there is none
 
-    // One by one, because that leaves them in registers, and `load` and `store` don't.
+    // Assigned one by one, because this keeps them in registers; `load` and `store` don't.
     explicit Seen(Span<const i64> seen) {
         require(seen.size() == 5, "what was seen has 5 numbers");
         last = seen[0], first = seen[1], falls = seen[2], words = seen[3], jump = seen[4];
@@ -58,12 +58,12 @@ struct Seen {
 // High parts of the time, of `bits` bits above the lowest `shift`; in µs, -1 before the first.
 template <int bits, int shift>
 struct High {
-    // What a word stands for that shows `raw`, after `before`.
+    // The high part that a word showing `raw` stands for, after the high part `before`.
     static i64 next(i64 before, i64 raw) {
         i64 now = before >= 0 ? nearest(raw, before >> shift, bits) : first_time(raw, bits);
         return i64(u64(now) << shift);
     }
-    // True if no camera goes on so or, for a counter's first word, begins so.
+    // True if no camera continues with this word or, for a counter's first word, begins with it.
     static bool is_jump(i64 before, i64 after) {
         return before < 0 ? after < 0 : nvsdata::is_jump(before, after, bits + shift, BACK_US, SILENT_US);
     }

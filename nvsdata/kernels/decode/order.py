@@ -23,18 +23,18 @@ def late(t: np.ndarray, most: int) -> np.ndarray | None:
 
 
 def merge_late(late: np.ndarray, order: np.ndarray, *columns: np.ndarray) -> None:
-    """Copy columns t, x, y, p to others, the `late` events where their times belong, after others of that time. O(N).
+    """Copy columns t, x, y, p to others, with `late` events sorted in, after other events of the same time. O(N).
 
-    `late` and `order` int64 are the same indices: ascending, and by time; all other events are in order of time.
+    `late` and `order` int64 are the same indices, ascending and in order of time. All other events must be sorted.
     ValueError for indices of no event.
     """
     _native.merge_late(late, order, *columns)
 
 
 def stable_order(t: np.ndarray) -> np.ndarray:
-    """Return indices int32 [N] that sort times, equal ones in the order that they have. O(N) per 11 bits of span.
+    """Return indices int32 [N] that sort times stably. O(N) per 11 bits of their span.
 
-    By digits; `t` int64, fewer than 2^31.
+    A radix sort. `t` is int64, with fewer than 2^31 elements.
     """
     if t.size >= MOST:
         raise ValueError("too many times for indices of 32 bits")

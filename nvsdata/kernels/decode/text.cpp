@@ -51,7 +51,7 @@ struct Reader {
     }
 
     // One decimal number; goes on to the byte after it, or at which it turns out to be none. With `seconds`, a fraction
-    // is allowed and the value is in µs. Without, a number may end in `.0`. One beyond i64 is refused.
+    // is allowed and the value is in µs. Without, a number may end in `.0`. Numbers beyond i64 are refused.
     bool number(bool seconds, i64& value) {
         bool negative = here() == '-';
         if (negative) ++i;

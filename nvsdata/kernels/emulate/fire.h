@@ -1,4 +1,4 @@
-// From differences to events (thesis 3.2.2).
+// Events from differences of brightness (thesis 3.2.2).
 #pragma once
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// Of neighboring pixels only one may fire, (3.5).
+// Inhibition: only one of neighboring pixels may fire, (3.5).
 #pragma once
 
 #include <cmath>
@@ -32,14 +32,14 @@ void clear_still(Rows<Number> difference, i64 side, Rows<const bool> active) {
         }
 }
 
-// A number, or 0 unless it `stays`; by a mask, because no loop with choices of these is vectorized.
+// The number if it `stays`, otherwise 0; by a mask, because loops with conditional floats aren't vectorized.
 template <class Number>
 NVSDATA_INLINE Number kept(Number value, bool stays) {
     using Bits = std::conditional_t<sizeof(Number) == 8, u64, u32>;
     return bits_of<Number>(Bits(bits_of<Bits>(value) & (Bits(0) - Bits(stays))));
 }
 
-// Blocks of 2 x 2 in a pair of rows, without branches; the first of equals stays.
+// Blocks of 2 x 2 in a pair of rows, without branches; of equal values the first is kept.
 template <class Number>
 NVSDATA_INLINE void inhibit_pairs(Span<Number> upper, Span<Number> lower) {
     i64 pairs = upper.size() / 2;
@@ -72,7 +72,7 @@ void inhibit_by_pairs(Rows<Number> difference, Rows<const bool> active) {
     });
 }
 
-// Keep the largest |d| (the first of equals) of each `side` x `side` block. Blocks count from the corner.
+// Keep the largest |d| (the first, if several are equal) of each `side` x `side` block. Blocks count from the corner.
 template <class Number>
 void inhibit(Rows<Number> difference, i64 side, Rows<const bool> active) {
     if (side == 2) return inhibit_by_pairs(difference, active);  // no such block lies across tiles

@@ -65,7 +65,7 @@ NVSDATA_INLINE void multiply(Span<Number> values, Span<const Number> by) {
     for (i64 x = 0; x < values.size(); ++x) values[x] *= by[x];
 }
 
-// Three rows of references, and what a pixel's level is compared with.
+// Three rows of references, and the reference value that a pixel's level is compared with.
 template <class Number>
 struct Around {
     Span<const Number> above, here, below;
@@ -76,7 +76,7 @@ struct Around {
     double least(i64 left, i64 right) const { return double(std::min(above[left], below[right])); }
 };
 
-// Only the pixels at the ends of a row have a neighbor in common with themselves.
+// With replicated borders, only pixels at the ends of a row are their own neighbors.
 template <class Number>
 NVSDATA_INLINE void subtract_neighbors(Span<const Number> level, Around<Number> around, Method method, i64 begin,
                                        i64 end, Span<Number> difference) {
@@ -116,7 +116,7 @@ void differ(const Rule<Number>& rule, Rows<const Number> level, Rows<const Numbe
     });
 }
 
-// `update` in a tile; whether it is restless.
+// Call `update` on a tile; return whether it isn't still.
 template <class Number>
 NVSDATA_INLINE void update_tile(const Rule<Number>* rule, Rows<const Number> levels, Rows<Number> references,
                                 Rows<const Number> differences, Box box, bool* restless) {
@@ -190,7 +190,7 @@ void wake(bool contrast, Method method, i64 side, const Tiles& tiles) {
     for (i64 i = 0; i < active.size(); ++i) active[i] = affected[i] || !still[i];
     if (method == CO_LOCATED) return;
     spread(tiles.active, tiles.active);
-    // blocks lie across tiles, and a pixel in a still one may be about to fire as soon as its block lets it
+    // blocks lie across tiles, and a pixel in a still tile may fire as soon as no pixel of its block inhibits it
     if (TILE_ROWS % side) std::fill(active.begin(), active.end(), true);
 }
 
@@ -200,8 +200,8 @@ Method method_of(i64 number) {
 }
 
 template <class Number>
-bool look(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method method, i64 side, Number alpha,
-          bool everywhere, const Tiles& tiles, const Pixels<Number>& pixels) {
+bool mark(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method method, i64 side,
+                       Number alpha, bool everywhere, const Tiles& tiles, const Pixels<Number>& pixels) {
     i64 bytes = check_frames(frame, previous, pixels.height(), pixels.width());
     i64 changed = bytes ? find_dirty(frame, previous, bytes * TILE_COLUMNS, tiles.dirty) : 0;
     Span<bool> active = tiles.active.flat(), still = tiles.still.flat();
@@ -278,15 +278,15 @@ void contrast(Rows<const double> plane, Rows<const bool> tiles, bool then_log, d
 }
 
 template <class Number>
-bool look_at(Rows<const u8> frame, Rows<const u8> previous, bool contrast, i64 method, i64 side, double alpha,
-             bool everywhere, Rows<bool> dirty, Rows<bool> affected, Rows<bool> active, Rows<bool> still,
-             Rows<i64> behind, Rows<Number> level, Rows<Number> reference) {
+bool mark_tiles(Rows<const u8> frame, Rows<const u8> previous, bool contrast, i64 method, i64 side, double alpha,
+                 bool everywhere, Rows<bool> dirty, Rows<bool> affected, Rows<bool> active, Rows<bool> still,
+                 Rows<i64> behind, Rows<Number> level, Rows<Number> reference) {
     Tiles tiles{dirty, affected, active, still, behind};
     tiles.check(level.rows(), level.columns());
     check_pixels(reference.rows(), reference.columns(), level.rows(), level.columns());
     require(side >= 1, "blocks must have a side of at least 1");
-    return look<Number>(frame, previous, contrast, method_of(method), side, Number(alpha), everywhere, tiles,
-                        {level, level, reference, level});
+    return mark<Number>(frame, previous, contrast, method_of(method), side, Number(alpha), everywhere,
+                                     tiles, {level, level, reference, level});
 }
 
 template <class Number>
@@ -318,7 +318,7 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
     Keys keys(place);
     if (frame.rows()) {
         check_light(check_frames(frame, previous, height, width), first_weight, table.size(), sizeof(Number) == 4);
-        if (!look(frame, previous, contrast, rule.method, side, rule.alpha, everywhere, tiles, pixels))
+        if (!mark(frame, previous, contrast, rule.method, side, rule.alpha, everywhere, tiles, pixels))
             return keys.result();
     }
     // in float32, time has 24 bits
@@ -334,7 +334,7 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
 void define_pix2nvs(nb::module_& module) {
     define<luminance<float>, luminance<double>>(module, "luminance");
     define<contrast>(module, "contrast");
-    define<look_at<float>, look_at<double>>(module, "look_at");
+    define<mark_tiles<float>, mark_tiles<double>>(module, "mark_tiles");
     define<next_frame<float>, next_frame<double>>(module, "next_frame");
 }
 

@@ -73,10 +73,10 @@ class Pixels(NamedTuple):
     difference: np.ndarray
 
 
-def look(frame: np.ndarray, previous: np.ndarray, rule: Rule, tiles: Tiles, pixels: Pixels) -> bool:
+def mark_tiles(frame: np.ndarray, previous: np.ndarray, rule: Rule, tiles: Tiles, pixels: Pixels) -> bool:
     """Find the tiles that a frame makes dirty and active, and update references; return whether any are active."""
     settings = rule.contrast, rule.method, rule.side, rule.alpha, rule.everywhere
-    found: bool = _native.look_at(frame, previous, *settings, *tiles, pixels.level, pixels.reference)
+    found: bool = _native.mark_tiles(frame, previous, *settings, *tiles, pixels.level, pixels.reference)
     return found
 
 
@@ -92,9 +92,10 @@ def luminance(frame: np.ndarray, first_weight: int, rule: Rule, tiles: np.ndarra
 def contrast(
     plane: np.ndarray, tiles: np.ndarray, then_log: bool, t_log: float, slope: float, level: np.ndarray
 ) -> None:
-    """Write the mean distance from the four neighbors, (3.2), to `level`; then (3.1) of it if `then_log`.
+    """Write each pixel's contrast, the mean distance from its four neighbors (3.2), to `level`.
 
-    Borders are replicated. `plane`, `level` are float64. The logarithm is the C library's.
+    If `then_log`, the result is mapped by (3.1). Borders are replicated. `plane` and `level` are float64. The logarithm
+    is the C library's.
     """
     _native.contrast(plane, tiles, then_log, t_log, slope, level)
 
@@ -112,10 +113,9 @@ def step(
 ) -> tuple[np.ndarray, int]:
     """Process a frame `span` µs after the last one; return the keys of its events and their number, see `spikes`.
 
-    An empty `frame` means that `look` was called, and that `plane` and `level` are up to date. The rest is a single
-    call, because each call releases Python's lock to other threads, and waits until it has it again. Keys are written
-    to `keys` or, if it is too short, to a longer array. `seed` is that of random times. O(bytes + active pixels +
-    events).
+    An empty `frame` means that `mark_tiles` was called, and that `plane` and `level` are up to date. All remaining
+    work is one call, because each call releases Python's lock and waits to get it back. Keys are written to `keys` or,
+    if it is too short, to a longer array. `seed` seeds random times. O(bytes + active pixels + events).
     """
     count, longer = _native.next_frame(frame, previous, first_weight, *rule, *tiles, *pixels, span, seed, keys)
     return keys if longer is None else longer, count

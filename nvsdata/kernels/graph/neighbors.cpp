@@ -16,7 +16,7 @@ namespace nvsdata {
 
 constexpr i64 OFTEN = 256;          // events between two polls for Ctrl-C
 constexpr i64 CHUNK = 4096;         // pairs that are near in time and space and tested together
-constexpr double ROUNDING = 1e-12;  // by how much more than a rounded bound is searched
+constexpr double ROUNDING = 1e-12;  // by which a rounded bound is exceeded in a search
 
 // Squared distance: alpha (dx² + dy²) + beta dt².
 struct Metric {
@@ -25,7 +25,7 @@ struct Metric {
     double limit() const { return radius * radius; }
 };
 
-// Lists of the sources of each event, at most k, ascending: how many, and in each row, with room for one more, which.
+// Sources of each event, at most k, ascending: their number, and a row of indices with room for one more.
 struct Sources {
     Span<i32> degree;
     Rows<i32> source;
@@ -44,7 +44,7 @@ struct Candidate {
     }
 };
 
-// The k nearest of the candidates that are offered.
+// The k nearest of the offered candidates.
 class Nearest {
 public:
     explicit Nearest(i64 k) : found_(std::size_t(k)) {}
@@ -149,7 +149,7 @@ private:
     Interrupt& interrupt_;
     unsigned steps_ = 0;
 
-    // Of one of thousands of events.
+    // Of one event, out of thousands.
     void poll() {
         if (++steps_ % OFTEN == 0) interrupt_.poll();
     }

@@ -19,12 +19,14 @@ def near_sources(
     k: int,
     sweep_below: int = SWEEP,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Find the `k` nearest others within `radius` of each event.
+    """Find the `k` nearest other events within `radius` of each event.
 
-    The squared distance is alpha (dx² + dy²) + beta dt²; of equals the one nearer in time is nearer, then the one
-    of smaller index, as in the author's released graphs. O(N (pixels within the distance of the k-th + k)), however
-    many events a pixel has, where no time makes up for a difference in space; otherwise k² takes the place of k. If on
-    average fewer than `sweep_below` events are near in time, those are tested instead.
+    The squared distance is alpha (dx² + dy²) + beta dt². Of events at the same distance, the one nearer in time comes
+    first, then the one of smaller index, as in the author's released graphs.
+
+    O(N (pixels within the distance of the k-th + k)), however many events a pixel has, where no difference in time
+    makes up for one in space; otherwise k² takes the place of k. If on average fewer than `sweep_below` events are near
+    in time, those are tested instead.
 
     Args:
         t: int64 [N], must not decrease.
@@ -37,8 +39,8 @@ def near_sources(
         sweep_below: see above; 0 and very large numbers choose one of the two ways.
 
     Returns:
-        Number of sources of each event, int32 [N]; in each row of an int32 [N, min(k, N - 1) + 1] which, ascending;
-        the number of all.
+        Number of sources of each event, int32 [N]; their indices, ascending, at the beginning of each row of an int32
+        [N, min(k, N - 1) + 1]; and the number of all edges.
     """
     k = max(min(k, t.size - 1), 1)
     degree = np.zeros(t.size, np.int32)

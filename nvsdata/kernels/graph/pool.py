@@ -1,7 +1,7 @@
 """Clusters of nodes: the coarse graph, and features pooled over its clusters.
 
-`cluster` int64 [N] is the cluster of each node, 0 <= cluster < M. IndexError for one that doesn't exist, ValueError for
-sizes that don't agree.
+`cluster` int64 [N] is the cluster of each node, 0 <= cluster < M. IndexError for a cluster that doesn't exist,
+ValueError for sizes that don't agree.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def merged_edges(source: np.ndarray, target: np.ndarray, cluster: np.ndarray, co
 def max_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the maximum of each channel over each cluster, and the first node that has it. O(N · C).
 
-    NaN counts as more than any number, as in torch. The results are float [M, C] and int32 [M, C]; of a cluster without
-    nodes 0 and -1.
+    NaN counts as more than any number, as in torch. The results are float [M, C] and int32 [M, C]; a cluster without
+    nodes has 0 and -1.
     """
     shape = count, features.shape[1]
     best, where = np.empty(shape, features.dtype), np.empty(shape, np.int32)
@@ -65,7 +65,7 @@ def max_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np.
 
 
 def max_rows_back(gradient: np.ndarray, where: np.ndarray, nodes: int) -> np.ndarray:
-    """Return the gradient of `max_rows`: what arrives at a cluster goes to the node that gave the maximum."""
+    """Return the gradient of `max_rows`: a cluster's gradient goes to the node that has the maximum."""
     out = np.zeros((nodes, gradient.shape[1]), gradient.dtype)
     _native.max_rows_back(gradient, where, out)
     return out

@@ -16,7 +16,7 @@ namespace nvsdata {
 namespace {
 
 constexpr i64 TOGETHER = 128;  // edges whose shares are computed together
-constexpr i64 PATIENCE = 64;   // such groups between two looks for Ctrl-C
+constexpr i64 PATIENCE = 64;   // such groups between two polls for Ctrl-C
 constexpr i64 MOST_CELLS = std::numeric_limits<i32>::max();
 
 // Edges grouped by target, with pseudo-coordinates in 0..1, and the number of a kernel's cells along each axis.

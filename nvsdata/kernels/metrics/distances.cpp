@@ -21,7 +21,7 @@ constexpr i64 MARGIN = 6;     // pixels around a map, and the distance up to whi
 constexpr i64 CELL = 16;      // side in pixels of the cells that are searched beyond that
 constexpr i64 UNASKED = 21;   // the pixel itself and the twenty nearest, which are always looked at
 constexpr i64 SPARSE = 64;    // pixels per spike from which on cells are searched immediately
-constexpr i64 PATIENCE = 1024;  // spikes between two looks for Ctrl-C
+constexpr i64 PATIENCE = 1024;  // spikes between two polls for Ctrl-C
 
 struct Spikes {
     Span<const i64> x, y, value;
@@ -41,7 +41,7 @@ Float lesser(Float a, Float b) {
     return b < a ? b : a;
 }
 
-// Look at the map around each spike, and lower the least costs.
+// Search the map around each spike, and lower the least costs.
 NVSDATA_INLINE void look_around(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<const float> lattice,
                                 i64 stride, Span<const i64> steps, Span<const double> squares, double weight,
                                 Span<double> least, bool* lonely) {
@@ -55,7 +55,7 @@ NVSDATA_INLINE void look_around(Span<const i64> x, Span<const i64> y, Span<const
         };
         double nearest = least[i];
         auto offer = [&](double square, float apart) { nearest = lesser(nearest, cost(square, weight, apart)); };
-        // the first are looked at in any case, because when to stop is unpredictable, and a wrong prediction costs more
+        // the first are always tested, because when to stop is unpredictable, and a wrong prediction costs more
         i64 up = home - stride, down = home + stride, top = up - stride, bottom = down + stride;
         offer(0, apart(home));
         offer(1, of_four(home - 1, home + 1, up, down));

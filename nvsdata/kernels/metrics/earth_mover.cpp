@@ -21,7 +21,7 @@ namespace {
 constexpr double TOLERANCE = 1e-11;  // of reduced costs: below it a pivot gains only rounding errors
 constexpr i64 MOST = i64(1) << 62;   // of all masses together
 constexpr i64 LANES = 8;
-constexpr i64 PATIENCE = 64;  // searches between two looks for Ctrl-C
+constexpr i64 PATIENCE = 64;  // searches between two polls for Ctrl-C
 
 struct Points {
     Span<const double> x, y;
@@ -150,7 +150,7 @@ private:
         bool below_u = true;
         while (a != b) {
             if (nodes_[a].depth >= nodes_[b].depth) {
-                // of equals, the one nearest to u; on v's side, the one nearest to the meeting point
+                // of equal masses, the arc nearest to u; on v's side, the arc nearest to the meeting point
                 if (nodes_[a].up && nodes_[a].mass < least) least = nodes_[a].mass, out = a;
                 a = nodes_[a].parent;
             } else {

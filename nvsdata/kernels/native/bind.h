@@ -3,10 +3,10 @@
 // An array's dtype, its number of dimensions and, unless it is const, whether it may be written are checked; values are
 // never converted. Arrays that are read may be strided or misaligned: they are copied then. Python's lock is released
 // while a function runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python
-// face. Errors name the function, and a TypeError the argument.
+// wrapper. Errors name the function, and a TypeError the argument.
 //
 // Functions are Python's own, not nanobind's, and arrays are taken by the buffer protocol, because calls on few events
-// last no longer than nanobind's look at the arguments. Classes, numbers and results are nanobind's.
+// take no longer than nanobind's checks of the arguments. Classes, numbers and results are nanobind's.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -1,4 +1,4 @@
-// What C++17 lacks of <bit>.
+// Bit operations that C++20 has in <bit>.
 #pragma once
 
 #ifdef _MSC_VER

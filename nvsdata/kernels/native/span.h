@@ -23,7 +23,7 @@ using u32 = std::uint32_t;
 using u64 = std::uint64_t;
 
 #ifdef NVSDATA_BOUNDS
-// Elements that this thread has touched: what tests count in place of timing.
+// Number of elements that this thread has accessed; tests count these instead of measuring time.
 inline thread_local u64 touched = 0;
 #endif
 

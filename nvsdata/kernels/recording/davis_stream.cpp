@@ -55,7 +55,7 @@ std::tuple<i64, i64, i64, i64, bool> decode(Span<const u16> words, i64 start, Sp
     State& state = camera.state;
     const i64 columns = camera.how.columns, rows = camera.how.rows, factor = camera.how.factor;
     const bool steady = camera.how.steady;
-    // copies, because the outputs might overlap what they are copies of; unsigned, because a camera may count for ever
+    // copies, because the outputs might overlap what they are copies of; unsigned, because a camera may count forever
     u64 base = u64(state.base), now = u64(state.now);
     i64 row = state.row, in_frame = state.in_frame, signal = state.signal;
     Place next = state.next;

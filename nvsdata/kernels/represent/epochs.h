@@ -1,7 +1,7 @@
-// Exponentials that grow with time, so that a later look at one costs a product instead of an exponential.
+// Exponentials that grow with time, so that reading one later costs a product instead of an exponential.
 //
 // A value is kept as exp((t - begin) / tau), where `begin` is that of the event's epoch. An epoch lasts EPOCH tau, in
-// whole µs; what is older than the last epoch counts as nothing.
+// whole µs; values older than the previous epoch count as 0.
 #pragma once
 
 #include <cmath>

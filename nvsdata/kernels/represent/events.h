@@ -1,4 +1,4 @@
-// What loops over events share: checked places in images, answers to Ctrl-C.
+// Helpers of loops over events: checked places in images, and polls for Ctrl-C.
 #pragma once
 
 #include <algorithm>
@@ -34,7 +34,7 @@ struct Pixels {
     Polarity image = Polarity::same_image;
 };
 
-constexpr i64 STEPS = 2048;  // events that are placed at once; then the clock is looked at
+constexpr i64 STEPS = 2048;  // events that are placed at once, between two polls for Ctrl-C
 
 // Where pixels of at most STEPS events are in images: the calls' results are true if all are on the sensor.
 bool place(const Images& images, const Pixels& events, i64 from, i64 to, u32* places);

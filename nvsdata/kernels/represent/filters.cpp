@@ -1,4 +1,4 @@
-// Which events pass a filter.
+// Masks of the events that pass a filter.
 #include <vector>
 
 #include "../native/bind.h"
@@ -11,7 +11,8 @@ namespace {
 
 constexpr i64 NEVER = std::numeric_limits<i64>::min();
 
-void after_pause(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 period, Rows<i64> last, Span<bool> keep) {
+void not_refractory(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 period, Rows<i64> last,
+                     Span<bool> keep) {
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size());
     Span<i64> passed = last.flat();
@@ -29,7 +30,7 @@ struct Boxes {
     i64 place(i16 x, i16 y) const { return u32(y) / side * columns + u32(x) / side; }
 };
 
-// Sides of boxes that may be larger than any sensor.
+// Check the side of boxes, which may be larger than any sensor.
 Boxes boxes_of(i64 side, i64 columns) {
     require(side >= 1 && side <= 32768, "boxes must have a side");
     return {u32(side), columns};
@@ -57,17 +58,17 @@ void within_rate(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 si
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size());
     Boxes boxes = boxes_of(side, due.columns());
-    Span<i64> over = due.flat();
+    Span<i64> ended = due.flat();
     i64 ahead = times(minus(burst, 1), interval);
     each_event(sensor_of(boxes, due.rows()), {x, y}, [&](i64 i, i64) {
         i64 place = boxes.place(x[i], y[i]);
-        keep[i] = over[place] <= plus(t[i], ahead);
-        if (keep[i]) over[place] = plus(std::max(over[place], t[i]), interval);
+        keep[i] = ended[place] <= plus(t[i], ahead);
+        if (keep[i]) ended[place] = plus(std::max(ended[place], t[i]), interval);
     });
 }
 
-void in_company(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 rows, i64 columns, i64 window,
-                Span<bool> keep) {
+void supported_by_neighbors(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 rows, i64 columns, i64 window,
+                         Span<bool> keep) {
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size() && rows >= 2 && columns >= 2 && rows <= 32770 && columns <= 32770);
     std::vector<i64> latest_of(std::size_t(rows * columns), NEVER);
@@ -109,10 +110,10 @@ void in_rectangle(Span<const i16> x, Span<const i16> y, i64 left, i64 top, i64 r
 }  // namespace
 
 void define_filters(nb::module_& module) {
-    define<after_pause>(module, "after_pause");
+    define<not_refractory>(module, "not_refractory");
     define<first_of_boxes>(module, "first_of_boxes");
     define<within_rate>(module, "within_rate");
-    define<in_company>(module, "in_company");
+    define<supported_by_neighbors>(module, "supported_by_neighbors");
     define<count_into>(module, "count_into");
     define<in_rectangle>(module, "in_rectangle");
 }

@@ -49,6 +49,7 @@ def marked(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out:
 def spread(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, linear: bool, out: np.ndarray) -> None:
     """Add +1 or -1 for each event to `out` float32 [B, H, W] at its time, scaled to 0 .. B - 1. O(N).
 
-    If `linear`, it is divided between the two nearest bins; otherwise it goes to the nearest, of two the later one.
+    If `linear`, it is divided between the two nearest bins; otherwise it goes to the nearest bin, the later of two that
+    are equally near.
     """
     _native.spread(t, x, y, p, linear, out)

@@ -1,6 +1,6 @@
 // Layers of HOTS (Lagorce et al. 2017): time surfaces of features around events, and the prototypes nearest to them.
 //
-// A value of a surface is kept as exp((t - t_0) / tau), so that a later look at it costs a product.
+// A value of a surface is kept as exp((t - t_0) / tau), so that reading it later costs a product.
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -13,7 +13,7 @@ namespace nvsdata {
 
 namespace {
 
-constexpr i64 LANES = 16;  // sums that are made at once, whatever the processor has
+constexpr i64 LANES = 16;  // partial sums, the same number on every processor
 
 NVSDATA_INLINE float product(const float* a, const float* b, i64 count) {
     float sums[LANES] = {};

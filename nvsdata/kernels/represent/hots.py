@@ -41,7 +41,7 @@ def nearest_prototypes(
 ) -> None:
     """Write the number of each event's nearest prototype, float32 [K, F, side, side], to `found` int64 [N].
 
-    `grown` as in `feature_surfaces`. Products are sums of 16 float32 sums, so of prototypes that are equally near but
-    for about 1e-6 either may be found. O(N K F side²).
+    `grown` as in `feature_surfaces`. Products are sums of 16 float32 sums, so if two prototypes are equally near
+    up to about 1e-6, either may be found. O(N K F side²).
     """
     _native.nearest_prototypes(t, x, y, feature, tau, radius, prototypes, grown, found)

@@ -13,9 +13,10 @@ NVSDATA_INLINE void scale(const double* values, i64 count, double factor, float*
     for (i64 i = 0; i < count; ++i) out[i] = float(values[i] * factor);
 }
 
-// Values of a square of pixels at a moment of an epoch: `shrink` is by what those of the same epoch are multiplied.
-void look(const double* grown, const i64* epochs, i64 stride, i64 side, i64 epoch, double shrink, double older,
-          float* out) {
+// Read the decayed values of a square of pixels. Those of the same epoch are multiplied by `shrink`, those of the epoch
+// before by `older`; earlier ones are 0.
+void read_square(const double* grown, const i64* epochs, i64 stride, i64 side, i64 epoch, double shrink, double older,
+                 float* out) {
     // no branches, because which pixels have events is unpredictable
     const double factors[] = {shrink, older, 0};
     for (i64 r = 0; r < side; ++r, grown += stride, epochs += stride)
@@ -82,7 +83,7 @@ void event_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Spa
         double shrink = 1 / value;
         for (i64 k = 0; k < channels; ++k) {
             i64 corner = channels == 1 ? place : place + (k - 1 + p[i]) * size;
-            look(&grown.values[corner], &epochs.values[corner], stride, side, epoch, shrink, shrink * clock.old,
+            read_square(&grown.values[corner], &epochs.values[corner], stride, side, epoch, shrink, shrink * clock.old,
                  &out.values[(i * channels + k) * around]);
         }
     });

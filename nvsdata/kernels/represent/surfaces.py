@@ -23,7 +23,7 @@ def surfaces(
 ) -> None:
     """Fill `out` float32 [T, 2, H, W] with exp(-(times[n] - t) / tau) of each pixel's and polarity's last event.
 
-    Frame n knows the events up to `bounds[n + 1]`, none later than `times[n]`. `grown` float64 [2, H, W] is scratch,
+    Frame n includes the events up to `bounds[n + 1]`, none later than `times[n]`. `grown` float64 [2, H, W] is scratch,
     0. ON comes first. O(N + output).
     """
     _native.surfaces(t, x, y, p, times, bounds, tau, grown, out)

@@ -1,1 +1,1 @@
-"""Networks that follow events, one by one."""
+"""Incremental inference: networks that are updated as events arrive."""

@@ -1,4 +1,4 @@
-// Networks on causal graphs, event by event: a row is final once it is computed, and only maxima are forgotten.
+// Networks on causal graphs, event by event: computed rows never change, and only pooled maxima are updated.
 #include "../native/bind.h"
 #include "network.h"
 
@@ -8,14 +8,14 @@ namespace streaming {
 
 namespace {
 
-// The events of each cell, in order, and the maxima of their features.
+// The events of each cell, in order, and the pooled maxima of their features.
 //
-// The older part of a cell's queue has, at each event, the maximum of it and those after it in this part; of the newer
-// part one maximum is known. So an event costs one comparison of rows, when it comes and when it goes.
+// In the older part of a cell's queue, each event has the maximum over itself and the later events of this part. The
+// newer part has a single maximum. So an event costs one comparison of rows when it arrives and one when it leaves.
 class Queues {
 public:
     i64 first = 0;  // number of the first event in the queues
-    Marks changed;  // cells whose maxima may have
+    Marks changed;  // cells whose maxima may have changed
 
     Queues(Grid grid, i64 capacity, i64 channels)
         : changed(grid.size()), grid_(grid), head_(grid.size()), tail_(grid.size()), settled_(grid.size()),
@@ -33,7 +33,7 @@ public:
         changed.mark(cell);
     }
 
-    // Remove the first event, which is that of its cell's queue.
+    // Remove the oldest event, which is the first of its cell's queue.
     void leave(const Window& window, Table<float>& values) {
         i64 number = first++, row = window.row_of(number), cell = cell_of(window, row);
         if (settled_[cell] < number) {
@@ -94,7 +94,7 @@ public:
         }
     }
 
-    // Take events, some at once, and forget those before time `until`.
+    // Add events, `together` at a time, and remove those before time `until`.
     void step(i64 until, const Events& events, i64 together) {
         auto turn = turns_.take();
         events.check(network_, last_);

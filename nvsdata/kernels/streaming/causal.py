@@ -25,7 +25,7 @@ class CausalNetwork(LiveState):
         super().__init__(_native.causal_network(network, FOREVER if age is None else age), shape, units)
 
     def step(self, until: int, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
-        """Take events, and forget those before time `until`.
+        """Add events, and remove those before time `until`.
 
         Args:
             until: µs.

@@ -1,7 +1,8 @@
-// Pooled graphs that follow changes of the graph below: the clusters of `kernels.pool`, as integers that add up.
+// Pooled graphs that are updated when the graph below changes: the clusters of `kernels.graph.pool`.
 //
-// A cluster is a cell of a grid and its number is its node's. Positions are sums over members, edges are counted, so
-// that members and edges can go. A step marks what it touches; `settle` then finds what is different from before.
+// A cluster is a cell of a grid and has the number of its node. Sums of the members' positions and numbers of edges are
+// integers, so that members and edges can be removed exactly. A step marks what it touches; `settle` then finds what is
+// different from before.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +17,7 @@ struct Grid {
     i64 width, height;  // of a cell in pixels
     i64 columns, rows;
 
-    // As many cells as cover the sensor.
+    // The smallest grid that covers the sensor.
     static Grid of(i64 sensor_width, i64 sensor_height, i64 width, i64 height) {
         return {width, height, (sensor_width - 1) / width + 1, (sensor_height - 1) / height + 1};
     }
@@ -29,8 +30,8 @@ struct Grid {
 class Cells {
 public:
     Grid grid;
-    i64 across, down;  // most cells between the ends of an edge
-    bool has_time;     // without it, the time of places stays 0, because it changes with each event
+    i64 across, down;  // largest distance of an edge's ends in cells
+    bool has_time;     // if not, times of places stay 0, because they would change with each event
     i64 offsets;       // from a cell to those around it: an edge's source
     Column<i64> members;       // number of nodes below
     Column<Place> place, was;  // of the nodes now, without meaning if there are no members, and before they `moved`
@@ -72,7 +73,7 @@ public:
         i64 wide = 2 * across + 1;
         return cell + (offset / wide - down) * grid.columns + offset % wide - across;
     }
-    // Where what is kept of a node below is: numbers of events go on, and their rows are a power of two.
+    // Row of a node below. Numbers of events keep growing; their rows are a ring of a power of two.
     i64 row_of(i64 node) const {
         i64 rows = after.size();
         return rows & (rows - 1) ? node : node & (rows - 1);
@@ -133,7 +134,7 @@ public:
         counted_.clear();
     }
 
-    // Bring the graph above up to date with a settled one, and settle it.
+    // Propagate the changes of this settled graph to the graph above, and settle that one.
     void lift(Cells& above) {
         for (i64 number : turned.numbers()) {
             i64 target = number / offsets, offset = number % offsets, source = neighbor(target, offset);
@@ -158,7 +159,7 @@ public:
         above.settle();
     }
 
-    // Forget what has changed, when all layers are up to date.
+    // Clear the marks of changes, once all layers are up to date.
     void rest() {
         for (i64 cell : moved.numbers()) alive[cell] = members[cell] > 0;
         moved.clear();

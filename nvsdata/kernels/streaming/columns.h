@@ -1,4 +1,4 @@
-// Arrays that are owned: zeros at first, whose memory costs nothing until it is touched.
+// Arrays of zeros at first, whose memory is allocated when it is first written.
 #pragma once
 
 #include <algorithm>
@@ -92,7 +92,7 @@ struct Place {
     bool operator==(const Place& other) const { return x == other.x && y == other.y && t == other.t; }
 };
 
-// A set of numbers that loops fill and work off: each number once, in the order in which it came.
+// A set of numbers in the order in which they were marked, each once.
 class Marks {
 public:
     explicit Marks(i64 size = 0) : marked_(size) {}

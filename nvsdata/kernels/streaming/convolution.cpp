@@ -1,4 +1,4 @@
-// B-spline convolutions of graphs that change.
+// B-spline convolutions of changing graphs.
 #include "convolution.h"
 
 #include "../graph/edges.h"
@@ -50,7 +50,7 @@ NVSDATA_INLINE void add_scaled(float* __restrict sum, const float* features, con
         for (i64 c = 0; c < channels; ++c) sum[c] += part * features[c];
 }
 
-// Add products over the edges, then of the node itself, to the sums, and forget them.
+// Add products over the edges, then of the node itself, to the sums, and set them to 0.
 NVSDATA_INLINE void collect_row(double* __restrict edges, double* __restrict self, float* __restrict product,
                                      float* __restrict out, double share, i64 channels) {
     for (i64 o = 0; o < channels; ++o) {

@@ -1,6 +1,6 @@
-// B-spline convolutions of graphs that change: only rows whose inputs changed are computed, from what changed in them.
+// B-spline convolutions of changing graphs: only rows whose inputs changed are computed, from the changes.
 //
-// The sum over a node's edges is kept in float64, so that what was added can be taken away: a target with few changed
+// The sum over a node's edges is kept in float64, so that terms can be subtracted: a target with few changed
 // edges adds the difference of each, one with many is summed from scratch. Zeros, of which ReLU makes many, aren't
 // multiplied.
 #pragma once
@@ -54,16 +54,16 @@ public:
         if (kernel_->own) add_to(at, kernel_->cells, features, less, 1);
     }
 
-    // Multiply what the first targets have summed up with the weights, and forget it.
+    // Multiply the sums of the first targets by the weights, and set them to 0.
     void multiply(i64 targets);
 
-    // Add a target's products, over the edges and of itself, to its sums, and forget them; its output is their mean.
+    // Add a target's products to its sums, and set them to 0; write its output, the mean over its edges plus its own.
     void collect(i64 at, i64 degree, Span<double> edges, Span<double> self, Span<float> out);
 
 private:
     std::shared_ptr<const Kernel> kernel_;
-    Table<float> share_;    // what targets sum up, by target and cell of the kernel
-    Table<u8> used_;        // and where
+    Table<float> share_;    // sums of features, by target and cell of the kernel
+    Table<u8> used_;        // which of these sums are in use
     Table<float> product_;  // that, times the weights: over the edges, and of the node itself
 
     void add_to(i64 at, i64 cell, Span<const float> features, Span<const float> less, float part);

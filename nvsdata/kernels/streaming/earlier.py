@@ -17,7 +17,7 @@ def earlier_edges(
     metric: tuple[float, float, float],
     k: int,
 ) -> np.ndarray:
-    """Return edges to each event from its `k` nearest before it: int64 [2, E], sorted by (target, source).
+    """Return edges to each event from the `k` nearest earlier events: int64 [2, E], sorted by (target, source).
 
     O(N (pixels up to the farthest neighbor) k).
 

@@ -1,4 +1,4 @@
-// Weights of a network that follows events.
+// Weights of a network for incremental inference.
 #include "network.h"
 
 #include "../native/bind.h"

@@ -1,4 +1,4 @@
-// A network that follows events: its weights, which all its states share.
+// A network for incremental inference: its weights, which all its states share.
 #pragma once
 
 #include <mutex>
@@ -21,7 +21,7 @@ struct Network {
     std::shared_ptr<const Table<float>> hidden;  // weights of the first fully connected layer: see `Readout`
 
     const Layer& last() const { return layers.back(); }
-    // That the last rows are pooled into, or cells of one pixel.
+    // The grid that the last rows are pooled into; without pooling, cells of one pixel.
     Grid grid() const {
         for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
             if (layer->is_pooled) return layer->grid;
@@ -42,7 +42,7 @@ struct Events {
         return {t.part(from, to), x.part(from, to), y.part(from, to), p.part(from, to)};
     }
 
-    // Throws if kernels can't trust them: they must be on the sensor, and no earlier than `time`.
+    // Throw unless all events are on the sensor and in order, from `time` on.
     void check(const Network& network, i64 time) const {
         require(x.size() == size() && y.size() == size() && p.size() == size(),
                 "columns of events must be equally long");
@@ -55,7 +55,7 @@ struct Events {
     }
 };
 
-// Lets one caller at a time use a state, and none once a change was interrupted halfway.
+// Lock of a state: one caller at a time; none after a change was interrupted halfway.
 class Turns {
 public:
     std::unique_lock<std::mutex> take() {
@@ -71,7 +71,7 @@ private:
     bool is_changing_ = false;
 };
 
-// Let attempts to copy or pickle objects of a class say what to do.
+// Make copying or pickling objects of a class fail with advice.
 template <class Class>
 void refuse_copies(nb::class_<Class> made) {
     made.def("__reduce_ex__", [](const Class&, int) -> nb::object {

@@ -1,4 +1,4 @@
-"""Weights of a network that follows events."""
+"""Weights of a network for incremental inference."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def streaming_network(
 
 
 class LiveState:
-    """A network's rows for events.
+    """State of incremental inference: the rows of a network's layers for the events in the window.
 
-    Its arrays belong to the extension: their numbers are indexes of each other, so nothing else may write them.
+    Its arrays belong to the extension, because they contain indexes into each other, which nothing else may change.
 
     Args:
         state: of the extension, a `SlidingNetwork` or a `CausalNetwork`.

@@ -1,4 +1,4 @@
-// Features of pooled graphs, and of the last one the first fully connected layer, that follow what is below them.
+// Pooled features (maxima or means) that are updated incrementally, and the first fully connected layer.
 #pragma once
 
 #include "../native/require.h"
@@ -6,7 +6,7 @@
 
 namespace nvsdata::streaming {
 
-// Arrays that are to be filled must fit.
+// Raise ValueError unless an output array fits.
 inline void require_size(bool fits) { require(fits, "an array of another size is needed"); }
 
 // Set the features of a node, and mark it if they changed.
@@ -101,7 +101,7 @@ public:
     // Set the features of a cell. O(changed features · hidden).
     void show(i64 cell, Span<const float> values);
 
-    // Follow a graph's features.
+    // Update from the features that changed.
     void update(const Cells& cells, Features& features) {
         std::vector<float> none(std::size_t(shown.columns()));
         for (const Marks* marks : {&std::as_const(cells.moved), &std::as_const(features.changed)})

@@ -1,4 +1,4 @@
-// A network's rows for the events in a window that slides.
+// A network's rows for the events in a sliding window.
 #include "sliding.h"
 
 #include "../native/bind.h"

@@ -1,4 +1,4 @@
-// A graph of events and the first graph pooled of it, that follow a window that slides.
+// The graph of the events in a sliding window, and the first graph that is pooled from it.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@
 
 namespace nvsdata::streaming {
 
-// What changes of a graph of events when events go and come.
+// Updates of a graph of events when events leave and arrive.
 class SlidingGraph {
 public:
     Window window;
@@ -32,7 +32,7 @@ public:
         for (i64 pixel : near_.numbers()) {
             poll();
             const Window::Pixel& here = window.pixels[pixel];
-            // the others have nearer ones in their own pixel
+            // other events of the pixel have k nearer ones there
             for (i64 n = 0; n < std::min(i64(here.size), window.k); ++n) {
                 i64 number = window.slots[here.begin + n];
                 if (has_lost(window.row_of(number), first)) forget(number);
@@ -60,8 +60,8 @@ public:
 
 private:
     std::shared_ptr<const Metric> metric_;
-    Marks near_;  // pixels near events that went
-    // Append events to an empty window: all neighbors at once, which takes less time than one after the other.
+    Marks near_;  // pixels near events that left
+    // Append events to an empty window. Finding all neighbors at once takes less time than one after the other.
     template <class Poll>
     void fill(Span<const i64> t, Span<const i16> x, Span<const i16> y, Poll poll) {
         i64 n = t.size(), first = window.next, k = std::max(std::min(window.k, n - 1), i64(1));
@@ -97,13 +97,13 @@ private:
             if (window.is_inside(x + offset.x, y + offset.y)) near_.mark((y + offset.y) * window.width + x + offset.x);
     }
 
-    // Remove the neighbors of an event that have gone, and find others in their place.
+    // Remove the neighbors of an event that left, and find others in their place.
     void forget(i64 number) {
         i64 row = window.row_of(number), home = cell_of(row);
         dirty.mark(row);
         i32 degree = window.degree[row], kept = 0;
         if (degree == window.k) {
-            // others may have been too far
+            // there may be others that were too far to be among the k nearest
             count_own(row, -1);
             window.search(number, *metric_);
             count_own(row, 1);
@@ -130,7 +130,7 @@ private:
         return lost;
     }
 
-    // Find the neighbors of an event that has come, and whose neighbor it is.
+    // Find the neighbors of an event that arrived, and the events whose neighbor it becomes.
     void arrive(i64 number) {
         i64 row = window.row_of(number), home = cell_of(row), k = window.k;
         cells.add_member(home, number, window.place(row));
@@ -143,7 +143,7 @@ private:
             i64 u = x + offset.x, v = y + offset.y, own = std::exchange(is_own, false);
             if (!window.is_inside(u, v)) continue;
             const Window::Pixel& pixel = window.pixels[v * window.width + u];
-            // the others have nearer ones in their own pixel
+            // other events of the pixel have k nearer ones there
             for (i64 slot = pixel.end() - 1; slot >= std::max(pixel.end() - k - own, i64(pixel.begin)); --slot) {
                 i64 other = window.slots[slot], at = window.row_of(other);
                 bool is_full = window.degree[at] == k;

@@ -1,4 +1,4 @@
-"""Network that follows the events in a window that slides."""
+"""Incremental inference on a sliding window."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from nvsdata.kernels.streaming.network import LiveState
 
 
 class SlidingNetwork(LiveState):
-    """A network's rows for the events in a window that slides: only rows that change are computed.
+    """A network's rows for the events in a sliding window: only rows that change are computed.
 
     Args:
         network: see `streaming_network`; its first layer is pooled.
@@ -36,7 +36,7 @@ class SlidingNetwork(LiveState):
         """
         _native.sliding_step(self._state, until, t, x, y, p)
 
-    def over(self, until: int) -> int:
+    def count_before(self, until: int) -> int:
         """Return the number of events before time `until`."""
         return int(_native.sliding_count_before(self._state, until))
 

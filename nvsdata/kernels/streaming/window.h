@@ -1,9 +1,9 @@
-// The neighbors of events in a window that slides: lists that are those of `near_sources` after every step.
+// Neighbors of the events in a sliding window: after every step they equal those of `near_sources`.
 //
-// Events have numbers in the order in which they come. Each pixel has its events' numbers in a row, so that those next
-// to a time are found by halving. An event that comes can be among the k nearest only of the newest k events of a
-// pixel, and one that goes only of the oldest k, because events of a pixel are nearer to each other: so a step looks at
-// k events of each pixel near it, however many there are.
+// Events are numbered in the order in which they arrive. Each pixel has its events' numbers in a row, so that those
+// next to a time are found by binary search. An event that arrives can be among the k nearest only of the newest k
+// events of a pixel, and one that leaves only of the oldest k, because events of a pixel are nearer to each other. So a
+// step tests at most k events of each pixel nearby, however many there are.
 #pragma once
 
 #include <algorithm>
@@ -96,7 +96,7 @@ public:
             i64 u = column + offset.x, v = line + offset.y;
             if (!is_inside(u, v)) continue;
             const Pixel& pixel = pixels[v * width + u];
-            if (pixel.size) look(number, row, pixel, offset.apart, metric);
+            if (pixel.size) offer_pixel(number, row, pixel, offset.apart, metric);
         }
     }
 
@@ -146,7 +146,7 @@ public:
 private:
     i32 used_ = 0;  // end of the room in `slots` that pixels have
 
-    // Differences of graphs' times may be as large as there are 64-bit numbers.
+    // Differences of times may need all 64 bits.
     i64 gap_to(i64 row, i64 other) const { return gap(t[row_of(other)], t[row]); }
 
     // Room for another event of a pixel, at least twice its events now and then.
@@ -178,8 +178,8 @@ private:
         }
     }
 
-    // Offer an event those of a pixel: newer ones outward, then older ones by runs of equal times.
-    void look(i64 number, i64 row, const Pixel& pixel, double apart, const Metric& metric) {
+    // Offer the events of a pixel to an event: first newer ones outward, then older ones by runs of equal times.
+    void offer_pixel(i64 number, i64 row, const Pixel& pixel, double apart, const Metric& metric) {
         const i64* all = Span<i64>(slots).part(pixel.begin, pixel.end()).begin();
         const i64* end = all + pixel.size;
         const i64* from = std::lower_bound(all, end, number);
@@ -202,7 +202,7 @@ private:
         return std::lower_bound(from, low, time, [&](i64 other, i64 value) { return t[row_of(other)] < value; });
     }
 
-    // Whether a neighbor is farther than another: of equals the one farther in time, then the one that came later.
+    // Whether a neighbor is farther than another; ties: the one farther in time, then the later one.
     bool comes_after(i64 row, i32 a, i32 b) const {
         if (far(row, a) != far(row, b)) return far(row, a) > far(row, b);
         i64 one = gap_to(row, source(row, a)), other = gap_to(row, source(row, b));

@@ -1,1 +1,1 @@
-"""Networks whose scores follow events, one event at a time."""
+"""Incremental inference: scores that are updated with each event."""

@@ -53,14 +53,14 @@ class Simulation:
         return cls(**given)
 
     def watched(self, kind: type[SimulatedDavis] = SimulatedDavis) -> tuple[Backend, Callable[..., Any]]:
-        """Return a backend with a camera that sees a monitor, and the function for the monitor's `look`."""
+        """Return a backend with a camera that sees a monitor, and the function for the monitor's `on_change`."""
         scene = Watched(
             replace(PIXELS, noise_rate=self.noise, seed=int(self.seed)),
             late=self.late,
             wired=bool(self.wired),
             seed=int(self.seed),
         )
-        return self._backend(kind(scene=scene)), scene.look
+        return self._backend(kind(scene=scene)), scene.show
 
     def alone(self) -> Backend:
         """Return a backend with a camera that sees a moving square."""

@@ -69,7 +69,7 @@ class Outlines:
 
 @dataclass
 class Watched:
-    """A screen in a dark room, emulated by PIX2NVS: `look` must be called with each image that the screen shows.
+    """A screen in a dark room, emulated by PIX2NVS: `show` must be called with each image that the screen shows.
 
     Args:
         pixels: The sensor's settings.
@@ -101,7 +101,7 @@ class Watched:
         self._time = 0
         self._waiting = Events.empty(SIZE, 0)
 
-    def look(self, time: float, picture: np.ndarray) -> None:
+    def show(self, time: float, picture: np.ndarray) -> None:
         """Set the image `picture` (uint8 [H, W, 3], red first) that the screen shows from `time` on."""
         # scaled down first, because each pixel sees the mean of an area
         small = cv2.resize(picture, (2 * SIZE[0], 2 * SIZE[1]), interpolation=cv2.INTER_AREA)

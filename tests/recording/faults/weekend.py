@@ -305,7 +305,7 @@ def patched(day: Weekend, camera: Camera) -> None:
     driver.SyncStream, Wire.weekend = Wire, day
     backend = Plugs(camera)
     backend.weekend, backend.before = day, backend.fails
-    Simulation.watched = lambda self: (backend, camera.scene.look)
+    Simulation.watched = lambda self: (backend, camera.scene.show)
     capture.RESET_WAIT = 1.0
 
 

@@ -62,9 +62,9 @@ def test_what_faults_do_to_a_camera_and_its_scene():
     backend = faults.alone()
     (camera,) = backend.cameras
     assert (camera.speed, camera.lossy, camera.scene) == (1.0002, 0.5, Outlines(noise=3 * 43_200))
-    backend, look = faults.watched()
+    backend, show = faults.watched()
     scene = backend.cameras[0].scene
-    assert look == scene.look
+    assert show == scene.show
     assert (scene.late, scene.wired, scene.seed, scene.pixels.noise_rate, scene.pixels.seed) == (0.25, True, 7, 3, 7)
     assert not Simulation().watched()[0].cameras[0].scene.wired
 

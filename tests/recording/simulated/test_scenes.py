@@ -14,7 +14,7 @@ GRAY = np.full((60, 80, 3), 120, np.uint8)
 @pytest.mark.parametrize("rate", [0.0, 2.0])
 def test_a_still_screen_gives_noise_alone(rate):
     scene = Watched(pixels=replace(PIXELS, noise_rate=rate, hot_pixels=0.0, mismatch=0.0))
-    scene.look(0, GRAY)
+    scene.show(0, GRAY)
     scene.events(0, 200_000)
     found = scene.events(200_000, 1_200_000)
     expected = rate * 240 * 180
@@ -23,9 +23,9 @@ def test_a_still_screen_gives_noise_alone(rate):
 
 def test_a_change_of_the_screen_is_seen():
     scene = Watched(pixels=replace(PIXELS, noise_rate=0.0, hot_pixels=0.0))
-    scene.look(0, GRAY // 4)
+    scene.show(0, GRAY // 4)
     scene.events(0, 200_000)
-    scene.look(300_000, GRAY)
+    scene.show(300_000, GRAY)
     found = scene.events(200_000, 600_000)
     # where the screen is, from top to bottom, after it began to change
     assert len(found) > 10_000
