@@ -22,7 +22,7 @@ from nvsdata.kernels.emulate.pix2nvs import (
     Pixels,
     Rule,
     Tiles,
-    look,
+    mark_tiles,
 )
 from nvsdata.video.video_frame import VideoFrame, stretch_levels
 
@@ -70,7 +70,7 @@ class PIX2NVSState(EmulatorState):
             seed = int(np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0])
         new, old = frame_bytes(frame), frame_bytes(last)
         if rule.contrast or not self._of_bytes:
-            if not look(new, old, rule, tiles, pixels):
+            if not mark_tiles(new, old, rule, tiles, pixels):
                 return self._keys[0][:0]
             self._see(frame)
             new = new[:0]

@@ -200,7 +200,7 @@ Method method_of(i64 number) {
 }
 
 template <class Number>
-bool look(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method method, i64 side, Number alpha,
+bool mark(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method method, i64 side, Number alpha,
           bool everywhere, const Tiles& tiles, const Pixels<Number>& pixels) {
     i64 bytes = check_frames(frame, previous, pixels.height(), pixels.width());
     i64 changed = bytes ? find_dirty(frame, previous, bytes * TILE_COLUMNS, tiles.dirty) : 0;
@@ -278,14 +278,14 @@ void contrast(Rows<const double> plane, Rows<const bool> tiles, bool then_log, d
 }
 
 template <class Number>
-bool look_at(Rows<const u8> frame, Rows<const u8> previous, bool contrast, i64 method, i64 side, double alpha,
+bool mark_tiles(Rows<const u8> frame, Rows<const u8> previous, bool contrast, i64 method, i64 side, double alpha,
              bool everywhere, Rows<bool> dirty, Rows<bool> affected, Rows<bool> active, Rows<bool> still,
              Rows<i64> behind, Rows<Number> level, Rows<Number> reference) {
     Tiles tiles{dirty, affected, active, still, behind};
     tiles.check(level.rows(), level.columns());
     check_pixels(reference.rows(), reference.columns(), level.rows(), level.columns());
     require(side >= 1, "blocks must have a side of at least 1");
-    return look<Number>(frame, previous, contrast, method_of(method), side, Number(alpha), everywhere, tiles,
+    return mark<Number>(frame, previous, contrast, method_of(method), side, Number(alpha), everywhere, tiles,
                         {level, level, reference, level});
 }
 
@@ -318,7 +318,7 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
     Keys keys(place);
     if (frame.rows()) {
         check_light(check_frames(frame, previous, height, width), first_weight, table.size(), sizeof(Number) == 4);
-        if (!look(frame, previous, contrast, rule.method, side, rule.alpha, everywhere, tiles, pixels))
+        if (!mark(frame, previous, contrast, rule.method, side, rule.alpha, everywhere, tiles, pixels))
             return keys.result();
     }
     // in float32, time has 24 bits
@@ -334,7 +334,7 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
 void define_pix2nvs(nb::module_& module) {
     define<luminance<float>, luminance<double>>(module, "luminance");
     define<contrast>(module, "contrast");
-    define<look_at<float>, look_at<double>>(module, "look_at");
+    define<mark_tiles<float>, mark_tiles<double>>(module, "mark_tiles");
     define<next_frame<float>, next_frame<double>>(module, "next_frame");
 }
 

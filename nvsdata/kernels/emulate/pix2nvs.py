@@ -73,10 +73,10 @@ class Pixels(NamedTuple):
     difference: np.ndarray
 
 
-def look(frame: np.ndarray, previous: np.ndarray, rule: Rule, tiles: Tiles, pixels: Pixels) -> bool:
+def mark_tiles(frame: np.ndarray, previous: np.ndarray, rule: Rule, tiles: Tiles, pixels: Pixels) -> bool:
     """Find the tiles that a frame makes dirty and active, and update references; return whether any are active."""
     settings = rule.contrast, rule.method, rule.side, rule.alpha, rule.everywhere
-    found: bool = _native.look_at(frame, previous, *settings, *tiles, pixels.level, pixels.reference)
+    found: bool = _native.mark_tiles(frame, previous, *settings, *tiles, pixels.level, pixels.reference)
     return found
 
 

@@ -11,7 +11,7 @@ namespace {
 
 constexpr i64 NEVER = std::numeric_limits<i64>::min();
 
-void after_pause(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 period, Rows<i64> last, Span<bool> keep) {
+void not_refractory(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 period, Rows<i64> last, Span<bool> keep) {
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size());
     Span<i64> passed = last.flat();
@@ -66,7 +66,7 @@ void within_rate(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 si
     });
 }
 
-void in_company(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 rows, i64 columns, i64 window,
+void supported_by_neighbors(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 rows, i64 columns, i64 window,
                 Span<bool> keep) {
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size() && rows >= 2 && columns >= 2 && rows <= 32770 && columns <= 32770);
@@ -109,10 +109,10 @@ void in_rectangle(Span<const i16> x, Span<const i16> y, i64 left, i64 top, i64 r
 }  // namespace
 
 void define_filters(nb::module_& module) {
-    define<after_pause>(module, "after_pause");
+    define<not_refractory>(module, "not_refractory");
     define<first_of_boxes>(module, "first_of_boxes");
     define<within_rate>(module, "within_rate");
-    define<in_company>(module, "in_company");
+    define<supported_by_neighbors>(module, "supported_by_neighbors");
     define<count_into>(module, "count_into");
     define<in_rectangle>(module, "in_rectangle");
 }

@@ -10,14 +10,14 @@ NEVER = np.int64(-(2**63))  # more than 2^62 µs before all events
 LARGEST = 32_768  # pixels along an axis: a box of as many is the sensor
 
 
-def after_pause(t: np.ndarray, x: np.ndarray, y: np.ndarray, period: int, last: np.ndarray) -> np.ndarray:
+def not_refractory(t: np.ndarray, x: np.ndarray, y: np.ndarray, period: int, last: np.ndarray) -> np.ndarray:
     """Return the mask of the events at least `period` µs after the last kept event of their pixel. O(N).
 
     `period` is at most 2^62. `last` int64 [H, W] has the times of the last kept events, `NEVER` at first; it is
     updated.
     """
     keep = np.empty(t.size, np.bool_)
-    _native.after_pause(t, x, y, period, last, keep)
+    _native.not_refractory(t, x, y, period, last, keep)
     return keep
 
 
@@ -55,13 +55,15 @@ def within_rate(
     return keep
 
 
-def in_company(t: np.ndarray, x: np.ndarray, y: np.ndarray, shape: tuple[int, int], window: int) -> np.ndarray:
+def supported_by_neighbors(
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, shape: tuple[int, int], window: int
+) -> np.ndarray:
     """Return the mask of the events up to `window` µs after one at the eight pixels around. O(N + pixels).
 
     `window` is at most 2^62. `shape` is (H + 2, W + 2), with a border so that all neighbors are inside.
     """
     keep = np.empty(t.size, np.bool_)
-    _native.in_company(t, x, y, *shape, window, keep)
+    _native.supported_by_neighbors(t, x, y, *shape, window, keep)
     return keep
 
 

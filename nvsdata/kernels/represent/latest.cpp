@@ -33,7 +33,7 @@ void leak_into(Span<const i64> t, Span<const i16> x, Span<const i16> y, double i
     });
 }
 
-void remember(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Array<i64, 4> times,
+void push_times(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Array<i64, 4> times,
               Array<i64, 3> counts) {
     Pixels events{x, y, p, Polarity::on_first};
     require_columns(t.size(), events);
@@ -161,7 +161,7 @@ void latest_ticks(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
 void define_latest(nb::module_& module) {
     define<counts_and_times>(module, "counts_and_times");
     define<leak_into>(module, "leak_into");
-    define<remember>(module, "remember");
+    define<push_times>(module, "push_times");
     define<logarithms>(module, "logarithms");
     define<logarithms_of_ages>(module, "logarithms_of_ages");
     define<queue_bins>(module, "queue_bins");

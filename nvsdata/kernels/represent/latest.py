@@ -27,9 +27,11 @@ def leak_into(
     _native.leak_into(t, x, y, increment, leak, value, since)
 
 
-def remember(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, times: np.ndarray, counts: np.ndarray) -> None:
+def push_times(
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, times: np.ndarray, counts: np.ndarray
+) -> None:
     """Store times in ring buffers `times` int64 [2, k, H, W], ON first; `counts` int64 [2, H, W] counts them. O(N)."""
-    _native.remember(t, x, y, p, times, counts)
+    _native.push_times(t, x, y, p, times, counts)
 
 
 def logarithms(age: np.ndarray, known: np.ndarray, least: float, most: float) -> np.ndarray:

@@ -36,7 +36,7 @@ class SlidingNetwork(LiveState):
         """
         _native.sliding_step(self._state, until, t, x, y, p)
 
-    def over(self, until: int) -> int:
+    def count_before(self, until: int) -> int:
         """Return the number of events before time `until`."""
         return int(_native.sliding_count_before(self._state, until))
 

@@ -218,14 +218,14 @@ class Stream(_IncrementalInference):
         new = new.take(slice(int(new.t.searchsorted(until)), None))
         self._waiting = []
         before = len(self._live) if self._live is not None else self._held.t.size
-        over = self._live.over(until) if self._live is not None else int(self._held.t.searchsorted(until))
-        few = (over + new.t.size) * MANY <= before + new.t.size
+        past = self._live.count_before(until) if self._live is not None else int(self._held.t.searchsorted(until))
+        few = (past + new.t.size) * MANY <= before + new.t.size
         if self._live is not None and few:
             self._step(until, new)
             return
         if self._live is not None:
             self._held, self._live, self._calm = self._live.columns(), None, 0
-        self._held = concatenate([self._held.take(slice(over, None)), new])
+        self._held = concatenate([self._held.take(slice(past, None)), new])
         # features of nodes change with all events around
         self._calm = self._calm + 1 if few and not self._has_features else 0
         if self._calm == CALM:

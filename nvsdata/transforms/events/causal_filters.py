@@ -12,7 +12,7 @@ import numpy as np
 from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import LATEST, Events, check_inside
-from nvsdata.kernels.represent.filters import NEVER, after_pause, first_of_boxes, within_rate
+from nvsdata.kernels.represent.filters import NEVER, first_of_boxes, not_refractory, within_rate
 from nvsdata.transforms.apply import map_sample
 
 StreamFilter = Callable[[Events], Events]
@@ -79,7 +79,7 @@ class RefractoryPeriod(CausalFilter):
 
     def _masks(self, width: int, height: int) -> Callable[..., np.ndarray]:
         last, period = zeros((width, height), (height, width), np.int64, NEVER), min(int(self.period), LATEST)
-        return lambda t, x, y: after_pause(t, x, y, period, last)
+        return lambda t, x, y: not_refractory(t, x, y, period, last)
 
 
 @dataclass(frozen=True)

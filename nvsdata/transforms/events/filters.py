@@ -50,7 +50,7 @@ class BackgroundActivity:
         t, x, y, _ = check_inside(events).columns
         shape = events.sensor_size[1] + 2, events.sensor_size[0] + 2
         settings = shape, min(int(self.window), LATEST)
-        kept = allocated(events.sensor_size, shape, np.int64, lambda: kernel.in_company(t, x, y, *settings))
+        kept = allocated(events.sensor_size, shape, np.int64, lambda: kernel.supported_by_neighbors(t, x, y, *settings))
         return events.of(events.columns.take(kept))
 
 

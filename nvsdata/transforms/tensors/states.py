@@ -9,7 +9,7 @@ import torch
 
 from nvsdata.common.memory import check_memory, zeros
 from nvsdata.data.events import LATEST, Events, check_inside, check_sensor_size
-from nvsdata.kernels.represent.latest import ages_of_bins, leak_into, queue_bins, remember
+from nvsdata.kernels.represent.latest import ages_of_bins, leak_into, push_times, queue_bins
 
 Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Function from ages in µs [2, k, H, W], and the mask of the events that there were, to a representation."""
@@ -69,7 +69,7 @@ class LatestState(_State):
     def update(self, events: Events) -> None:
         """Take the next events. ValueError for a larger sensor, or events earlier than those before."""
         self._take(events)
-        remember(*events.columns, self._times, self._counts)
+        push_times(*events.columns, self._times, self._counts)
 
     def tensor(self, at: int | None = None) -> torch.Tensor:
         """Return the representation at `at` (µs; default: end of the last events). ValueError for an earlier time."""

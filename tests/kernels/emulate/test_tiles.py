@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nvsdata.kernels.emulate.frames import TILE, find_dirty
-from nvsdata.kernels.emulate.pix2nvs import CO_LOCATED, Pixels, Rule, Tiles, look
+from nvsdata.kernels.emulate.pix2nvs import CO_LOCATED, Pixels, Rule, Tiles, mark_tiles
 
 
 @given(
@@ -40,7 +40,7 @@ def test_what_is_relative_to_neighbors_affects_all_eight_tiles_around(rows, colu
     dirty, affected, active = np.zeros((3, rows, columns), bool)
     tiles = Tiles(dirty, affected, active, np.ones((rows, columns), bool), np.zeros((rows, columns), np.int64))
     level = np.zeros(before.shape)
-    assert look(after, before, rule, tiles, Pixels(level, level, level.copy(), level)) == changed.any()
+    assert mark_tiles(after, before, rule, tiles, Pixels(level, level, level.copy(), level)) == changed.any()
     assert (dirty == changed).all()
     assert (affected == expected).all()
     assert (active == expected).all()

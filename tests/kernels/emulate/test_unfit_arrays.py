@@ -7,7 +7,7 @@ from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.emulation.dvs_state import DVSState
 from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.kernels.emulate.crossings import advance, advance_receptors
-from nvsdata.kernels.emulate.pix2nvs import contrast, look, luminance, step
+from nvsdata.kernels.emulate.pix2nvs import contrast, luminance, mark_tiles, step
 from nvsdata.video.frames import VideoFrame
 
 SHAPE = 20, 70
@@ -47,7 +47,7 @@ def test_tiles_must_fit_pixels(name):
     with pytest.raises(ValueError, match="pixels"):
         step(FRAME, FRAME, 299, rule, tiles, pixels, 1, 0, KEYS)
     with pytest.raises(ValueError, match="pixels"):
-        look(FRAME, FRAME, rule, tiles, pixels)
+        mark_tiles(FRAME, FRAME, rule, tiles, pixels)
 
 
 @pytest.mark.parametrize("name", ["plane", "level", "reference", "difference"])

@@ -163,7 +163,7 @@ def use_rest(folder, t, x, y, p):
         network.hidden, network.shown, network.products, len(network)
     network = examples("streaming/test_state.py")["sliding"]()
     network.step(0, *columns)
-    network.over(900), network.events()
+    network.count_before(900), network.events()
 
 
 def copied(thing):

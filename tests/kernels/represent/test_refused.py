@@ -59,7 +59,7 @@ BY_POLARITY = {
         *ev, 3, 1, 9, 9.0, double(2, *SHAPE), whole(2, *SHAPE), whole(2, *SHAPE), double(4, 2, 3, 3), whole(4)
     ),
     "counts_and_times": lambda *ev: latest.counts_and_times(*ev, 0, N, zeros(4, *SHAPE)),
-    "remember": lambda *ev: latest.remember(*ev, whole(2, 3, *SHAPE), whole(2, *SHAPE)),
+    "push_times": lambda *ev: latest.push_times(*ev, whole(2, 3, *SHAPE), whole(2, *SHAPE)),
     "logarithms_of_ages": lambda *ev: latest.logarithms_of_ages(
         *ev, N, 0.0, 9.0, zeros(2, *SHAPE, dtype=np.int32), zeros(2, 3, *SHAPE)
     ),
@@ -83,10 +83,10 @@ BY_PIXEL = {
     "around_events": lambda t, x, y, p: patches.around_events(
         x, y, 9, OFFSETS, OFFSETS, np.ones((3, 4), np.float32), zeros(*PADDED[1:], dtype=np.int32), zeros(N, 4)
     ),
-    "after_pause": lambda t, x, y, p: filters.after_pause(t, x, y, 9, whole(*SHAPE)),
+    "not_refractory": lambda t, x, y, p: filters.not_refractory(t, x, y, 9, whole(*SHAPE)),
     "first_of_boxes": lambda t, x, y, p: filters.first_of_boxes(t, x, y, 1, 9, 2, whole(*SHAPE), whole(*SHAPE)),
     "within_rate": lambda t, x, y, p: filters.within_rate(t, x, y, 1, 9, 2, whole(*SHAPE)),
-    "in_company": lambda t, x, y, p: filters.in_company(t, x, y, PADDED[1:], 9),
+    "supported_by_neighbors": lambda t, x, y, p: filters.supported_by_neighbors(t, x, y, PADDED[1:], 9),
     "count_into": lambda t, x, y, p: filters.count_into(x, y, whole(*SHAPE)),
 }
 ALL = BY_POLARITY | BY_PIXEL
@@ -137,8 +137,8 @@ def test_shapes_that_do_not_belong_together_are_refused():
     wrong = (
         lambda: patches.around_events(x, y, 9, far, OFFSETS, *scores),
         lambda: patches.around_events(x, y, 9, OFFSETS, 9 * OFFSETS, *scores),
-        lambda: latest.remember(t, x, y, p, whole(2, 0, *SHAPE), whole(2, *SHAPE)),
-        lambda: latest.remember(t, x, y, p, whole(2, 3, *SHAPE), whole(2, *SHAPE[::-1])),
+        lambda: latest.push_times(t, x, y, p, whole(2, 0, *SHAPE), whole(2, *SHAPE)),
+        lambda: latest.push_times(t, x, y, p, whole(2, 3, *SHAPE), whole(2, *SHAPE[::-1])),
         lambda: filters.first_of_boxes(t, x, y, 0, 9, 2, whole(*SHAPE), whole(*SHAPE)),
         lambda: filters.first_of_boxes(t, x, y, 1, 0, 2, whole(*SHAPE), whole(*SHAPE)),
         lambda: latest.latest_ticks(t, x, y, p, 0, 0, N, 2.0, zeros(3, 2, *SHAPE)),
