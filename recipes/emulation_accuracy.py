@@ -28,7 +28,7 @@ from nvsdata.common.files import claimed, put
 from nvsdata.common.text import aligned
 from nvsdata.emulation import DVS, PIX2NVS, Fit, fit
 from nvsdata.emulation.correlation import count_images, pixel_index
-from nvsdata.emulation.fitting import event_intervals
+from nvsdata.emulation.imperfection_fit import event_intervals
 from nvsdata.emulation.thresholds import match_thresholds, polarity_counts
 from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.search import search

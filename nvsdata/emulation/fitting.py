@@ -13,31 +13,16 @@ from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.emulation.correlation import BlockBootstrap, correlation, count_images, find_peak, pearson, pixel_index
 from nvsdata.emulation.dvs import DVS
-from nvsdata.emulation.imperfections import AT_WHITE
+from nvsdata.emulation.imperfection_fit import CALM, NO_EVENTS, fit_noise, fit_refractory, useful_leak
 from nvsdata.emulation.state import brightness
-from nvsdata.emulation.thresholds import (
-    FEWEST,
-    NAMES,
-    check_counts,
-    fit_thresholds,
-    match_dark,
-    match_thresholds,
-    polarity_counts,
-)
+from nvsdata.emulation.thresholds import FEWEST, NAMES, check_counts, fit_thresholds, match_dark
 from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
 from nvsdata.video.upsample import upsample_frames
 
 DELAYS = range(-10_000, 20_001, 1_000)  # µs; delays that are tried first
 LATEST = 100_000  # µs; delays from minus to plus this are tried if the best isn't within `DELAYS`
 FOLLOWED = 0.1  # least correlation of polarities with changes of light for events that follow the frames
-CALM = 0.05  # change of ln(q + 3) up to which light counts as constant
-QUIET = 100.0  # pixels times seconds of constant light that an estimate of noise needs
-RAREST = 0.001  # fraction of the intervals within pixels that may be shorter than the refractory period
 ALONE = "delay=0 estimates leak and noise alone"
-SOONER = 2  # some emulated pixels must fire again this many times sooner than the sensor's
-SHARP = 1.25  # times that period: ten times as many intervals are shorter if it is a sharp limit
-REPEATED = 1_000  # intervals within pixels that an estimate of the refractory period needs
-WORSE = 0.02  # fall of the correlation from which an estimated leak isn't used
 ALIKE = 0.5  # correlation of adjacent pixels' changes of light below which they are the frames' own noise
 PER_PIXEL = 10  # events that an estimate of a pixel's own threshold needs
 
@@ -130,7 +115,7 @@ def fit(
         if abs(delay) >= LATEST:
             unidentified["delay"] = f"events follow the frames best at {delay} µs, where the search ends"
     real = pair.during(delay)
-    settings, other = _noise(base, pair, real, unidentified, still) if noise else (base, np.zeros((2, 1, 1)))
+    settings, other = fit_noise(base, pair.light, real, still, unidentified) if noise else (base, NO_EVENTS)
     if still:
         unidentified |= dict.fromkeys(NAMES, "nothing moves, and only motion shows thresholds")
     # once for all trials
@@ -142,16 +127,13 @@ def fit(
     if free.any():
         best, found, at_end = match_dark(best, frames, pair.light.mean(axis=0), moved, free)
         intervals |= found
-        settings = _useful_leak(settings, base, best, frames, real, free, unidentified)
-    settings = _refractory(settings, best.emulate(frames), real, unidentified)
+        settings = useful_leak(settings, base, best, frames, real, free, unidentified)
+    settings = fit_refractory(settings, best.emulate(frames), real, unidentified)
     # leak, noise and blindness change how many events a threshold gives
     given = replace(settings, upsample="none")
     start = replace(given, off=best.off, on=best.on, dark=best.dark)
     matched = fit_thresholds(start, given, frames, real, needed, unidentified)
-    intervals = {name: ends for name, ends in intervals.items() if name not in unidentified or name == "delay"}
-    for name in intervals.keys() & {*NAMES}:
-        scale = getattr(matched, name) / getattr(best, name)
-        intervals[name] = (intervals[name][0] * scale, intervals[name][1] * scale)
+    intervals = _matched_intervals(intervals, best, matched, unidentified)
     if at_end and "dark" in intervals:
         unidentified["dark"] = f"{matched.dark:g} gray levels fit best, where the search ends"
     emulated = matched.emulate(frames)
@@ -250,79 +232,15 @@ def check_common(span: tuple[int, int], events: Events | Recording) -> None:
         )
 
 
-def _noise(
-    settings: DVS, pair: _AlignedPair, real: Events, unidentified: dict[str, str], still: bool
-) -> tuple[DVS, np.ndarray]:
-    """Return settings with leak and noise as under constant light, and their OFF and ON events per pixel, [2, H, W]."""
-    calm = (np.ptp(pair.light, axis=0) < CALM) | still
-    # the neighborhood of a moving edge isn't calm, either
-    for axis in (0, 1):
-        calm = calm & np.roll(calm, 1, axis) & np.roll(calm, -1, axis)
-    seconds = pair.frames[-1].time / 1e6
-    if calm.sum() * seconds < QUIET:
-        reason = f"light is constant for {calm.sum() * seconds:.0f} pixels times seconds, {QUIET:.0f} are needed"
-        unidentified |= {"leak": reason, "noise_rate": reason}
-        return settings, np.zeros((2, 1, 1))
-    inside = calm.ravel()[pixel_index(real)]
-    off, on = np.bincount(real.p[inside], minlength=2)[:2].tolist()
-    # significantly more ON than OFF events are leak
-    more = on - off if on - off > 3 * math.sqrt(on + off) else 0
-    leak, common = more / (calm.sum() * seconds), (on + off - more) / (calm.sum() * seconds)
-    gray = np.exp(pair.light.mean(axis=0)) - 3
-    share = 1 - (1 - AT_WHITE) * gray / 255
-    rate = common / float(share[calm].mean())
-    expected = np.stack((rate * share / 2, rate * share / 2 + leak)) * seconds
-    return replace(settings, leak=round(float(leak), 4), noise_rate=round(float(rate), 4)), expected
-
-
-def _useful_leak(
-    settings: DVS,
-    base: DVS,
-    best: DVS,
-    frames: list[VideoFrame],
-    real: Events,
-    free: np.ndarray,
-    unidentified: dict[str, str],
-) -> DVS:
-    """Return settings without a leak that makes the places of events worse.
-
-    With a leak, pixels begin at random phases, and many fire at changes far below a threshold: if frames have noise of
-    their own, everywhere.
-    """
-    if settings.leak == base.leak:
-        return settings
-    trials = [replace(best, leak=leak) for leak in (settings.leak, base.leak)]
-    found = [match_thresholds(trial, frames, polarity_counts(real), free)[1] for trial in trials]
-    leaky, other = (correlation(events, real) for events in found)
-    if leaky > other - WORSE:
-        return settings
-    unidentified["leak"] = (
-        f"with {settings.leak:g} Hz, frame noise moves events: their correlation is {leaky:.2f}, not {other:.2f}"
-    )
-    return replace(settings, leak=base.leak)
-
-
-def _refractory(settings: DVS, found: Events, real: Events, unidentified: dict[str, str]) -> DVS:
-    """Return settings with the refractory period.
-
-    Real pixels hardly ever fire again within this time, though emulated ones, in `found`, do.
-    """
-    gaps, ours = event_intervals(real), event_intervals(found)
-    if min(gaps.size, ours.size) < REPEATED:
-        unidentified["refractory"] = f"{min(gaps.size, ours.size)} intervals within pixels, {REPEATED} are needed"
-        return settings
-    least, few = np.quantile(gaps, (RAREST, 10 * RAREST)).tolist()
-    # a refractory period cuts intervals off; without it, short ones get rarer gradually, or the scene has none
-    if few > SHARP * least or np.quantile(ours, RAREST) > least / SOONER:
-        unidentified["refractory"] = "pixels don't fire again soon enough to show it"
-        return settings
-    return replace(settings, refractory=int(least))
-
-
-def event_intervals(events: Events) -> np.ndarray:
-    """Return the intervals (µs) between successive events of each pixel."""
-    order = np.lexsort((events.t, pixel_index(events)))
-    return np.asarray(np.diff(events.t[order])[np.diff(pixel_index(events)[order]) == 0])
+def _matched_intervals(
+    intervals: dict[str, tuple[float, float]], best: DVS, matched: DVS, unidentified: dict[str, str]
+) -> dict[str, tuple[float, float]]:
+    """Return the intervals of what is identified; those of the `best` thresholds are scaled to the matched ones."""
+    kept = {name: ends for name, ends in intervals.items() if name not in unidentified or name == "delay"}
+    for name in kept.keys() & {*NAMES}:
+        scale = getattr(matched, name) / getattr(best, name)
+        kept[name] = (kept[name][0] * scale, kept[name][1] * scale)
+    return kept
 
 
 def _each(settings: DVS, pair: _AlignedPair, real: Events) -> np.ndarray:

@@ -1,15 +1,11 @@
 """Metrics: distances between emulated and real events, similarities of feature vectors, accuracy of classifiers."""
 
 from nvsdata.metrics.classification import (
-    Accuracy,
     Calibration,
-    PairedTest,
-    accuracy,
     accuracy_by_votes,
     calibration,
     class_accuracies,
     confusion_matrix,
-    paired_test,
     predictions,
 )
 from nvsdata.metrics.distance import (
@@ -21,6 +17,7 @@ from nvsdata.metrics.distance import (
     epsilon_repeatability,
     score,
 )
+from nvsdata.metrics.intervals import Accuracy, PairedTest, accuracy, paired_test
 from nvsdata.metrics.similarity import area_under_roc, roc, similarities
 
 __all__ = [

@@ -60,12 +60,12 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
         of_least.scaled(1 / sums).sum().root(),
         of_apart.sum(),
         of_apart.scaled(gap / sums).sum().root(),
-        dot.over(lengths),
+        dot.divided_by(lengths),
         of_apart.scaled(gap / (root_sums * root_sums)).sum().root(),
         of_apart.times(of_apart).sum().root(),
         of_apart.scaled(_logarithm(least, most) / 2).sum(),
         of((most > 0) / np.sqrt(sums)).sum(),
-        of_least.sum().over(of_x.sum().times(of_y.sum())),
+        of_least.sum().divided_by(of_x.sum().times(of_y.sum())),
     )
     return np.stack([column.value() for column in columns], -1)
 
@@ -94,7 +94,7 @@ class _Scaled(NamedTuple):
     def times(self, other: _Scaled) -> _Scaled:
         return _Scaled(self.part * other.part, self.power + other.power)
 
-    def over(self, other: _Scaled) -> _Scaled:
+    def divided_by(self, other: _Scaled) -> _Scaled:
         return _Scaled(_ratio(self.part, other.part), self.power - other.power)
 
     def root(self) -> _Scaled:

@@ -9,7 +9,7 @@ from typing import Any
 from torch.utils.data import ConcatDataset
 
 from nvsdata import transforms as T
-from nvsdata.metrics.classification import Accuracy, accuracy
+from nvsdata.metrics.intervals import Accuracy, accuracy
 from nvsdata.training.data import loader
 from nvsdata.training.evaluation import correct, predict
 from nvsdata.training.trainer import Trainer

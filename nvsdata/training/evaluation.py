@@ -12,7 +12,7 @@ import torch
 from torch import distributed, nn
 from torch.utils.data import DataLoader
 
-from nvsdata.metrics.classification import Accuracy, accuracy
+from nvsdata.metrics.intervals import Accuracy, accuracy
 from nvsdata.models.prediction import vote
 from nvsdata.training.data import loader
 from nvsdata.training.processes import Team

@@ -200,8 +200,8 @@ Method method_of(i64 number) {
 }
 
 template <class Number>
-bool mark(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method method, i64 side,
-                       Number alpha, bool everywhere, const Tiles& tiles, const Pixels<Number>& pixels) {
+bool mark(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method method, i64 side, Number alpha,
+          bool everywhere, const Tiles& tiles, const Pixels<Number>& pixels) {
     i64 bytes = check_frames(frame, previous, pixels.height(), pixels.width());
     i64 changed = bytes ? find_dirty(frame, previous, bytes * TILE_COLUMNS, tiles.dirty) : 0;
     Span<bool> active = tiles.active.flat(), still = tiles.still.flat();
@@ -279,14 +279,14 @@ void contrast(Rows<const double> plane, Rows<const bool> tiles, bool then_log, d
 
 template <class Number>
 bool mark_tiles(Rows<const u8> frame, Rows<const u8> previous, bool contrast, i64 method, i64 side, double alpha,
-                 bool everywhere, Rows<bool> dirty, Rows<bool> affected, Rows<bool> active, Rows<bool> still,
-                 Rows<i64> behind, Rows<Number> level, Rows<Number> reference) {
+             bool everywhere, Rows<bool> dirty, Rows<bool> affected, Rows<bool> active, Rows<bool> still,
+             Rows<i64> behind, Rows<Number> level, Rows<Number> reference) {
     Tiles tiles{dirty, affected, active, still, behind};
     tiles.check(level.rows(), level.columns());
     check_pixels(reference.rows(), reference.columns(), level.rows(), level.columns());
     require(side >= 1, "blocks must have a side of at least 1");
-    return mark<Number>(frame, previous, contrast, method_of(method), side, Number(alpha), everywhere,
-                                     tiles, {level, level, reference, level});
+    return mark<Number>(frame, previous, contrast, method_of(method), side, Number(alpha), everywhere, tiles,
+                        {level, level, reference, level});
 }
 
 template <class Number>

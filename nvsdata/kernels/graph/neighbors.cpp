@@ -392,27 +392,29 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     u32 wide = 1;
     while (wide < u32(2 * side + 1)) wide *= 2;
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
-    Vector<i32> later(std::size_t(CHUNK + most + 1)), earlier(later.size());
+    // both events in one number, because storing pairs takes most of the time: the later one above, the earlier one below
+    Vector<u64> pairs(std::size_t(CHUNK + most + 1));
     for (i64 i = 0, first = 0; i < n;) {
         i64 found = 0, kept = 0;
         for (; i < n && found < CHUNK; ++i) {
             if (i % OFTEN == 0) interrupt.poll();
             while (minus(t[i], t[first]) > reach) ++first;
             u32 corner = place[i] - margin;
+            u64 later = u64(i) << 32;
             // no branch, because which events are near is unpredictable
             for (i64 j = first; j < i; ++j) {
-                later[found] = i32(i), earlier[found] = i32(j);
+                pairs[found] = later | u64(j);
                 found += ((place[j] - corner) & outside) == 0;
             }
         }
         for (i64 q = 0; q < found; ++q) {
-            i32 target = later[q], source = earlier[q];
-            later[kept] = target, earlier[kept] = source;
-            kept += distance(target, source) <= limit;
+            u64 pair = pairs[kept] = pairs[q];
+            kept += distance(i64(pair >> 32), i64(u32(pair))) <= limit;
         }
         for (i64 q = 0; q < kept; ++q) {
-            insert(later[q], earlier[q]);
-            insert(earlier[q], later[q]);
+            i64 later = i64(pairs[q] >> 32), earlier = i64(u32(pairs[q]));
+            insert(later, earlier);
+            insert(earlier, later);
         }
     }
     for (i64 i = 0; i < n; ++i) ascend(sources.of(i), sources.degree[i]);

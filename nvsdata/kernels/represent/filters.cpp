@@ -12,7 +12,7 @@ namespace {
 constexpr i64 NEVER = std::numeric_limits<i64>::min();
 
 void not_refractory(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 period, Rows<i64> last,
-                     Span<bool> keep) {
+                    Span<bool> keep) {
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size());
     Span<i64> passed = last.flat();
@@ -58,17 +58,17 @@ void within_rate(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 si
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size());
     Boxes boxes = boxes_of(side, due.columns());
-    Span<i64> ended = due.flat();
+    Span<i64> free_at = due.flat();
     i64 ahead = times(minus(burst, 1), interval);
     each_event(sensor_of(boxes, due.rows()), {x, y}, [&](i64 i, i64) {
         i64 place = boxes.place(x[i], y[i]);
-        keep[i] = ended[place] <= plus(t[i], ahead);
-        if (keep[i]) ended[place] = plus(std::max(ended[place], t[i]), interval);
+        keep[i] = free_at[place] <= plus(t[i], ahead);
+        if (keep[i]) free_at[place] = plus(std::max(free_at[place], t[i]), interval);
     });
 }
 
 void supported_by_neighbors(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 rows, i64 columns, i64 window,
-                         Span<bool> keep) {
+                            Span<bool> keep) {
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size() && rows >= 2 && columns >= 2 && rows <= 32770 && columns <= 32770);
     std::vector<i64> latest_of(std::size_t(rows * columns), NEVER);
