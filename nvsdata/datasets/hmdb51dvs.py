@@ -94,7 +94,7 @@ class HMDB51DVS(BottomOriginDataset):
         return [sample for sample in found if (sample.label, sample.stem) in chosen]
 
     def _lists(self) -> dict[str, dict[str, str]]:
-        """Return the part of each video, by class, from lists below the root or, without these, from nvsdata's own."""
+        """Return the split of each video, by class: from lists below the root if there are any, else from nvsdata's."""
         own = {name: dict(self._listed_in(f"{name}_test_split{self.fold}.txt")) for name in self.classes}
         if any(own.values()):
             return own

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class RGCNN3D(nn.Module):
     """Graph CNN and 3D CNN: (Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> mean -> FC(num_classes).
 
-    The network of thesis, sections 5.2 and 5.3.1, takes a `GraphBatch` with `volumes` = S, as `collate` makes from
+    The network of the thesis, sections 5.2 and 5.3.1, takes a `GraphBatch` with `volumes` = S, as `collate` makes from
     sequences of S graphs, and `x` [N, in_channels], or PyTorch Geometric's `Batch` with `volumes`. It returns class
     scores (logits) [B, num_classes]. The defaults are those for 240x180.
 

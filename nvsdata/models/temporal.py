@@ -24,7 +24,7 @@ class Conv3D(nn.Sequential):
 
 
 def inception(in_channels: int, streams: tuple[int, Pair, Pair, int]) -> Streams:
-    """Return I3D's block of four parallel streams with widths `streams`, in the notation of thesis, section 5.3.1.
+    """Return I3D's block of four parallel streams with widths `streams`, in the notation of the thesis, section 5.3.1.
 
     The streams are 1x1x1; 1x1x1 then 3x3x3; 1x1x1 then 3x3x3; maximum over 3x3x3 then 1x1x1.
     """

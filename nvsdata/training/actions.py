@@ -35,7 +35,7 @@ NETWORKS = ("rgcnn3d", *FRAME_NETWORKS, *POINT_NETWORKS)
 
 @dataclass(frozen=True)
 class Actions:
-    """Training protocol of thesis, section 5.3.1, for one of `NETWORKS`.
+    """Training protocol of the thesis, section 5.3.1, for one of `NETWORKS`.
 
     Args:
         network: One of `NETWORKS` (default "rgcnn3d").

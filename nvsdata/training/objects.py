@@ -43,7 +43,7 @@ FEATURES: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Objects:
-    """Training protocol of thesis, section 4.4, for a dataset and one of `NETWORKS`.
+    """Training protocol of the thesis, section 4.4, for a dataset and one of `NETWORKS`.
 
     The defaults are those of docs/models.md, which lists the differences from the thesis and their effects.
 

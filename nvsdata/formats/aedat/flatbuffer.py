@@ -99,7 +99,10 @@ def layout_of(size: int, places: Sequence[int]) -> bytes:
 
 
 def packed_vector(name: bytes, rows: np.ndarray, layout: bytes) -> bytes:
-    """Return length and buffer of a root with one field, a vector of tables; sets the field "way" of `rows`."""
+    """Return a flatbuffer, after its length, whose root has one field, a vector of tables.
+
+    The column "way" of `rows` is overwritten with the offset of each table's layout.
+    """
     # offsets count from the length; the rows and their layout are aligned
     slots = 32 + 4 * np.arange(rows.size + 1)
     begin = int(slots[-1] + -slots[-1] % 8)

@@ -18,13 +18,13 @@ NEVER = LATEST  # µs
 
 
 class Sensor(NamedTuple):
-    """Constants of a sensor over all frames.
+    """Constants of a sensor, the same for all frames.
 
     - `table`: level by gray byte or by luminance in thousandths; empty to compute logarithms of colors
     - `dark`: thousandths of a gray level that are added to brightness before its logarithm
-    - `thresholds` [2] of OFF and ON, and `each` [2, H, W] each pixel's own, or empty
+    - `thresholds` [2]: OFF and ON; `each` [2, H, W]: thresholds of single pixels, or empty
     - `leak`: by how much memory falls per µs
-    - `speed`: of a white pixel's photoreceptor, in 1/µs; 0 for one that follows at once
+    - `speed`: rate of a white pixel's photoreceptor in 1/µs; 0 for one without delay
     """
 
     table: np.ndarray

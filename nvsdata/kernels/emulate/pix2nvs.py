@@ -111,7 +111,7 @@ def step(
     seed: int,
     keys: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Process a frame `span` µs after the last one; return the keys of its events and their number, see `spikes`.
+    """Process a frame `span` µs after the last one; return the keys of its events and their number, see `read_keys`.
 
     An empty `frame` means that `mark_tiles` was called, and that `plane` and `level` are up to date. All remaining
     work is one call, because each call releases Python's lock and waits to get it back. Keys are written to `keys` or,

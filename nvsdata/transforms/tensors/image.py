@@ -195,7 +195,7 @@ class Normalize:
 
 
 def check_image(image: Any, axes: int = 2, *, floats: bool = False) -> None:
-    """Raise a TypeError unless this is a tensor of at least `axes` axes, with `floats` of floating-point numbers."""
+    """Raise TypeError unless this is a tensor of at least `axes` axes; if `floats`, of floating-point numbers."""
     if not isinstance(image, torch.Tensor) or image.ndim < axes:
         raise wrong_type("a tensor [..., H, W], such as EventImage or ToFrames returns", image)
     if floats and not image.is_floating_point():
