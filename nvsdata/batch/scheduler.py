@@ -11,12 +11,13 @@ from concurrent.futures import CancelledError, Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children
-from threading import Event, Thread
+from threading import Event
 from typing import Any, TypeVar
 
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import process_pool
 from nvsdata.common.progress import say_above_bar
+from nvsdata.common.threads import during_block
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -146,9 +147,8 @@ def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[s
     Yields a list that gets the reason.
     """
     reasons: list[str] = []
-    ended = Event()
 
-    def watch() -> None:
+    def watch(ended: Event) -> None:
         seen, waiting = time.monotonic(), False
         while not ended.wait(CHECK_S):
             try:
@@ -166,10 +166,5 @@ def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[s
                 client.cancel(futures, force=True)
                 return
 
-    thread = Thread(target=watch, name="nvsdata-workers", daemon=True)
-    thread.start()
-    try:
+    with during_block(watch, "nvsdata-workers"):
         yield reasons
-    finally:
-        ended.set()
-        thread.join()

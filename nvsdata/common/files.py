@@ -10,10 +10,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import IO, Any, Self
 
 from nvsdata.common.locks import check_place, is_dead, locked, owner
+from nvsdata.common.threads import during_block
 
 try:
     # a tenth of zlib's time
@@ -141,20 +142,16 @@ def flushed_early(path: Path) -> Iterator[None]:
     if not hasattr(os, "fdatasync"):
         yield
         return
-    done = Event()
     handle = os.open(path, os.O_RDWR)
 
-    def flush() -> None:
+    def flush(done: Event) -> None:
         while not done.wait(FLUSH_EVERY):
             os.fdatasync(handle)
 
-    thread = Thread(target=flush, name="nvsdata-flush", daemon=True)
-    thread.start()
     try:
-        yield
+        with during_block(flush, "nvsdata-flush"):
+            yield
     finally:
-        done.set()
-        thread.join()
         os.close(handle)
 
 

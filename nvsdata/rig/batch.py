@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from nvsdata.common.errors import line_of
 from nvsdata.common.files import claimed
 from nvsdata.common.progress import say_above_bar
 from nvsdata.common.terminal import is_quiet
+from nvsdata.common.threads import during_block
 from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.capture import RESERVE
 from nvsdata.rig.calibration import corners_in
@@ -246,26 +247,21 @@ def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
     Yields a function that takes a description of the present step. A thread draws, because a slow or stopped terminal
     must not delay frames.
     """
-    over, phase = Event(), ""
+    phase = ""
 
     def show(step: str) -> None:
         nonlocal phase
         phase = step
 
-    def draw() -> None:
+    def draw(over: Event) -> None:
         while not over.wait(SHOWN_EVERY):
             # the end of a long name is more distinctive than its beginning
             run.doing(
                 f"{status.video[-30:]}: {phase}" if status.state == "recording" and status.video else status.state
             )
 
-    thread = Thread(target=draw, name="nvsdata-progress", daemon=True)
-    thread.start()
-    try:
+    with during_block(draw, "nvsdata-progress", patience=SHOWN_EVERY):
         yield show
-    finally:
-        over.set()
-        thread.join(SHOWN_EVERY)
 
 
 def _line(video: Video, camera: Camera) -> dict[str, Any]:
