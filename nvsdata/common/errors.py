@@ -67,6 +67,9 @@ def message_of(error: BaseException) -> str:
     The error number of a system error is left out, and its file comes first. A DownloadError's message keeps its line
     breaks.
     """
+    if (text := str(error)).startswith("Caught "):
+        # a DataLoader's worker sends its traceback, whose last line has the message
+        return shown(text.rstrip().splitlines()[-1].partition(": ")[2])
     if isinstance(error, OSError) and error.errno is not None:
         names = [name for name in (error.filename, error.filename2) if name is not None]
         return shown(": ".join([*map(os.fsdecode, names), str(error.strerror)]))

@@ -14,7 +14,7 @@ from typing import Any, Self
 import torch
 from torch.optim import Optimizer
 
-from nvsdata.common.errors import FormatError, line_of, message_of, shown
+from nvsdata.common.errors import FormatError, line_of, message_of
 from nvsdata.common.files import append_own, json_line, named, put, write_all
 from nvsdata.common.signals import end_of, ending_by_signals, exit_code
 from nvsdata.common.terminal import escaped_output
@@ -184,11 +184,7 @@ def run(main: Callable[[], None], hint: str | None = None) -> None:
         print(f"{end_of(error)}: {hint}" if hint else end_of(error), file=sys.stderr)
         sys.exit(exit_code(error))
     except (OSError, ValueError, ImportError) as error:
-        text = message_of(error)
-        # a loader's worker sends its traceback, whose last line has the message
-        if str(error).startswith("Caught "):
-            text = shown(str(error).rstrip().splitlines()[-1].partition(": ")[2])
-        sys.exit(f"{Path(sys.argv[0]).name}: {text}")
+        sys.exit(f"{Path(sys.argv[0]).name}: {message_of(error)}")
 
 
 def _hint() -> str:

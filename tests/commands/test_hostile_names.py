@@ -252,4 +252,6 @@ def test_one_function_for_pages_one_for_scripts_and_one_for_errors():
     assert told.isascii()
     assert json.loads(told) == {"</script>": ["<!--", "\u2028", "\udcff", 1.5]}
     assert message_of(ValueError("a\nb")) == "a\\nb"
+    sent = "Caught FormatError in worker 0.\nTraceback:\n  a: b\nFormatError: a: t\x1b\n"
+    assert message_of(ValueError(sent)) == "a: t\\x1b"
     assert message_of(DownloadError("a\n  b\x1b")) == "a\n  b\\x1b"
