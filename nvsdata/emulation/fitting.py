@@ -13,7 +13,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.emulation.correlation import BlockBootstrap, correlation, count_images, find_peak, pearson, pixel_index
 from nvsdata.emulation.dvs import DVS
-from nvsdata.emulation.imperfection_fit import CALM, NO_EVENTS, fit_noise, fit_refractory, useful_leak
+from nvsdata.emulation.imperfection_fit import CALM, NO_EVENTS, fit_noise, fit_refractory, without_harmful_leak
 from nvsdata.emulation.state import brightness
 from nvsdata.emulation.thresholds import FEWEST, NAMES, check_counts, fit_thresholds, match_dark
 from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
@@ -127,7 +127,7 @@ def fit(
     if free.any():
         best, found, at_end = match_dark(best, frames, pair.light.mean(axis=0), moved, free)
         intervals |= found
-        settings = useful_leak(settings, base, best, frames, real, free, unidentified)
+        settings = without_harmful_leak(settings, base, best, frames, real, free, unidentified)
     settings = fit_refractory(settings, best.emulate(frames), real, unidentified)
     # leak, noise and blindness change how many events a threshold gives
     given = replace(settings, upsample="none")

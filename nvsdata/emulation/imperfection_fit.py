@@ -57,7 +57,7 @@ def fit_noise(
     return replace(settings, leak=round(float(leak), 4), noise_rate=round(float(rate), 4)), expected
 
 
-def useful_leak(
+def without_harmful_leak(
     settings: DVS,
     base: DVS,
     best: DVS,

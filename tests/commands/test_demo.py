@@ -128,13 +128,15 @@ def test_only_what_is_trained_on_is_augmented(tmp_path, monkeypatch):
     def network(name, classes):
         raise OSError("enough")
 
-    monkeypatch.setattr(demo, "make_dataset", lambda root, seed: None)
+    monkeypatch.setattr(demo, "make_dataset", lambda root, seed: made.append((root, seed)))
     monkeypatch.setattr(demo, "EventFolder", Folder)
     monkeypatch.setattr(demo, "_samples_picture", lambda data: np.zeros((2, 2, 3), np.uint8))
     monkeypatch.setattr(demo.models, "rgcnn", network)
     with pytest.raises(OSError, match="enough"):
         demo.train(tmp_path, 1, 7)
-    assert [(data.root, data.split_name, len(data.transform.transforms)) for data in made] == [
+    dataset, *folders = made
+    assert dataset == (tmp_path / "shapes", 7)
+    assert [(data.root, data.split_name, len(data.transform.transforms)) for data in folders] == [
         (tmp_path / "shapes", "train", 5),
         (tmp_path / "shapes", "validation", 3),
         (tmp_path / "shapes", "test", 3),

@@ -392,7 +392,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     u32 wide = 1;
     while (wide < u32(2 * side + 1)) wide *= 2;
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
-    // both events in one number, because storing pairs takes most of the time: the later one above, the earlier one below
+    // the later event in the upper half, the earlier one in the lower, because storing pairs takes most of the time
     Vector<u64> pairs(std::size_t(CHUNK + most + 1));
     for (i64 i = 0, first = 0; i < n;) {
         i64 found = 0, kept = 0;

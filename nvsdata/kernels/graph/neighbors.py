@@ -61,6 +61,7 @@ def near_edges(
     """Return the edges to each event from its `near_sources`: int64 [2, E], sorted by (target, source)."""
     degree, source, count = near_sources(t, x, y, radius, alpha, beta, k, sweep_below)
     edges = np.empty((2, count), np.int64)
+    # a call takes a fifth of the time of a graph of one event
     if count:
         _native.listed_edges(degree, source, edges)
     return edges
