@@ -26,13 +26,13 @@ def shown(name: object, keep: str = "") -> str:
 class FormatError(ValueError):
     """A file that cannot be read as events.
 
-    A DataLoader raises the error of a worker again with the worker's traceback as the only argument: `reason` is then
-    the traceback, whose last line names the file, and `path` is empty.
+    A DataLoader raises a worker's error again with the worker's traceback as the only argument. Then `reason` is the
+    traceback, whose last line names the file, and `path` is empty.
 
     Args:
         path: the file.
         reason: why it can't be read.
-        offset: byte of the file at which reading failed; None if the error has no single byte.
+        offset: byte of the file at which reading failed; None if the error isn't at a single byte.
 
     Example:
         >>> import tempfile, nvsdata
@@ -64,7 +64,7 @@ def line_of(error: BaseException) -> str:
 def message_of(error: BaseException) -> str:
     """Return an error's message in printable form, on one line.
 
-    The error number of a system error is left out, and its file comes first. A DownloadError's message keeps its line
+    The message of a system error begins with its file and has no error number. A DownloadError's message keeps its line
     breaks.
     """
     if (text := str(error)).startswith("Caught "):

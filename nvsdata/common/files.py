@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all, files of one writer, checksums and journals."""
+"""Atomic writes, files and folders with a single writer, checksums and journals."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from nvsdata.common.locks import check_place, is_dead, locked, owner
 from nvsdata.common.threads import during_block
 
 try:
-    # a tenth of zlib's time
+    # takes a tenth of zlib's time
     from isal.isal_zlib import crc32 as crc32
 except ImportError:  # isal isn't available for every processor
     from zlib import crc32 as crc32
 
 FLUSH_EVERY = 0.03  # s
 PART = ".part"  # suffix of unfinished files
-MOST = 1 << 30  # bytes of a file of our own that are read
-MOST_LINES = 1 << 28  # bytes of a journal, of which a line takes about 250
-_SEAL = len(b"nvsdata %08x %014x\n" % (0, 0))  # bytes
-_BLOCK = 1 << 20  # bytes that are read back
+MOST = 1 << 30  # bytes; larger files of nvsdata's own are not read
+MOST_LINES = 1 << 28  # bytes; larger journals are not read (a line takes about 250 bytes)
+_SEAL = len(b"nvsdata %08x %014x\n" % (0, 0))  # bytes of the line of `sealed`
+_BLOCK = 1 << 20  # bytes at the end of a written file that `put` reads back
 _LONGEST = 100  # characters of a file's name that its temporary file's name contains
 
 
@@ -44,7 +44,7 @@ def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Itera
 
     Raises:
         FileNotFoundError: the folder doesn't exist; the error names it.
-        OSError: of the block; it names `path` if it names no file, such as for a full disk.
+        OSError: the block raised it; if it named no file, such as for a full disk, it names `path`.
     """
     target = Path(os.path.realpath(path)) if through_link and os.path.islink(path) else Path(path)
     check_place(target)
@@ -57,7 +57,7 @@ def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Itera
             _settle(temporary, target)
             os.replace(temporary, target)
     except BaseException:
-        # what went wrong is more important; on Windows the file may still be open, and `sweep` removes it later
+        # an error of `unlink` must not hide this one; on Windows an open file stays, and `sweep` removes it later
         with suppress(OSError):
             temporary.unlink()
         raise
@@ -169,8 +169,8 @@ def named(path: str | os.PathLike[str]) -> Iterator[None]:
 def put(path: str | os.PathLike[str], content: bytes | memoryview, *, through_link: bool = False) -> None:
     """Write `content` to `path`, completely or not at all, and read its end back.
 
-    Libraries that write files themselves report a full disk in many ways, or not at all. So they make bytes, and this
-    function writes them.
+    Libraries that write files themselves report a full disk in many ways, or not at all. So callers let such libraries
+    encode to memory, and write the bytes with this function.
 
     Args:
         path: the file.
@@ -189,7 +189,7 @@ def put(path: str | os.PathLike[str], content: bytes | memoryview, *, through_li
 
 
 def remove_link(path: Path) -> None:
-    """Remove a link at the path of a file that nvsdata writes under a name of its own choice."""
+    """Remove `path` if it is a link. For files whose names nvsdata chooses, before they are written."""
     if path.is_symlink():
         path.unlink()
 
@@ -197,8 +197,8 @@ def remove_link(path: Path) -> None:
 def read_own(path: str | os.PathLike[str], most: int = MOST) -> bytes:
     """Return the content of a file that nvsdata wrote under a name of its own choice.
 
-    Anybody may have changed it since: OSError for a link, for anything but a regular file, and for more than `most`
-    bytes.
+    Another program may have replaced the file. OSError for a link, for anything but a regular file, and for more than
+    `most` bytes.
     """
     with open(path, "rb", opener=_open_own) as file:
         size = os.fstat(file.fileno()).st_size
@@ -209,12 +209,15 @@ def read_own(path: str | os.PathLike[str], most: int = MOST) -> bytes:
 
 
 def sealed(content: bytes) -> bytes:
-    """Return the line that precedes `content` in a file for `unsealed`: checksum and length."""
+    """Return the line to write before `content`, with its checksum and length, which `unsealed` checks."""
     return b"nvsdata %08x %014x\n" % (crc32(content), len(content))
 
 
 def unsealed(path: str | os.PathLike[str], most: int = MOST) -> memoryview | None:
-    """Return the content after the line of `sealed`; None if it is missing, damaged or longer than `most` bytes."""
+    """Return the content of a file after its first line, which `sealed` made.
+
+    None if the file is missing, doesn't match that line, or has a content of more than `most` bytes.
+    """
     try:
         with open(path, "rb", buffering=0, opener=_open_own) as file:
             size = os.fstat(file.fileno()).st_size - _SEAL
@@ -229,7 +232,7 @@ def unsealed(path: str | os.PathLike[str], most: int = MOST) -> memoryview | Non
 
 
 def append_own(path: str | os.PathLike[str]) -> IO[bytes]:
-    """Open a file of nvsdata's for appending, unbuffered; OSError for anything but a regular file."""
+    """Open a file that nvsdata wrote for appending, unbuffered; OSError for anything but a regular file."""
     return open(path, "ab", buffering=0, opener=_open_own)
 
 
@@ -245,7 +248,7 @@ def _open_own(path: str, flags: int) -> int:
 
 
 def _settle(temporary: Path, target: Path) -> None:
-    """Flush to disk and set the permissions: those of `target` or, if it is new, those of a file from `open`."""
+    """Flush `temporary` to disk, and give it the permissions of `target` or, if that is new, of any new file."""
     try:
         mode = stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -260,7 +263,7 @@ def _settle(temporary: Path, target: Path) -> None:
 class Journal:
     """A file of JSON lines that grows as a job progresses. To be used in a `with` block.
 
-    The first line identifies the job, each of the others is a finished step.
+    The first line identifies the job. Each other line describes a finished step.
 
     Args:
         path: the file.
@@ -268,7 +271,7 @@ class Journal:
 
     Attributes:
         head: the first line, as read when the file was opened.
-        lines: the other lines at that time. A line that is cut off, such as after a kill, is left out, and the file is
+        lines: the other lines, as read then. A line that is cut off, such as after a kill, is left out, and the file is
             repaired.
     """
 
@@ -295,7 +298,7 @@ class Journal:
 
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
-            # closing writes again what a full disk refused, and fails again
+            # on a full disk, closing tries to write the rest again, and fails again
             with named(self.path):
                 self._file.close()
 
@@ -308,19 +311,19 @@ class Journal:
 
 
 def write_all(handle: int, data: bytes | memoryview) -> None:
-    """Write all of `data` to an open file, or raise OSError: a nearly full disk takes only a part at first."""
+    """Write all of `data` to an open file, in several calls if the disk is nearly full; OSError if that fails."""
     view = memoryview(data).cast("B")
     while view:
         view = view[os.write(handle, view) :]
 
 
 def json_line(value: dict[str, Any]) -> str:
-    """Return a line of a journal or log."""
+    """Return a dict as a line of JSON for a journal or log."""
     return json.dumps(value) + "\n"
 
 
 def parsed_line(line: str | bytes) -> dict[str, Any] | None:
-    """Return the content of a line of a journal; None for one that is cut off."""
+    """Return the dict in a line of a journal; None for a line that is cut off."""
     try:
         value = json.loads(line)
     except (ValueError, RecursionError):

@@ -11,7 +11,7 @@ PATIENCE = 5.0  # s; the longest time that a fork waits for threads
 
 
 class _Gate:
-    """Admits threads unless a fork waits, and a fork when no thread is inside."""
+    """State of `forkless`: the threads that are in such a block, and the number of forks that wait for them."""
 
     def __init__(self) -> None:
         self.change = Condition()
@@ -24,10 +24,10 @@ _gate = _Gate()
 
 @contextmanager
 def forkless() -> Iterator[None]:
-    """While the block runs, no other thread forks this process.
+    """Keep other threads from forking this process while the block runs, for at most `PATIENCE` seconds.
 
     A forked process has one thread. A lock that another thread held, such as one in FFmpeg, is never released there.
-    Blocks must be short, and don't nest.
+    Blocks must be short and must not be nested.
     """
     gate, me = _gate, get_ident()
     try:
@@ -56,7 +56,7 @@ def _in_parent() -> None:
 
 def _in_child() -> None:
     global _gate
-    # its lock may have been another thread's
+    # another thread of the parent may have held the old lock
     _gate = _Gate()
 
 

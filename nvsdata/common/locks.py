@@ -1,4 +1,4 @@
-"""Locks that give an output one writer, and names of processes that say who wrote a file."""
+"""Locks that let one process at a time write an output, and process names that show who wrote a file."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from nvsdata.common.errors import shown
 
 FOLDER_LOCK = ".nvsdata.lock"
 _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file systems without locks
-_MARK = b'{"owner": '  # what a lock file begins with
+_MARK = b'{"owner": '  # first bytes of a lock file
 _LONGEST = 240  # bytes; a lock file's name can contain a file name of at most this length
 _MOST = 1 << 20  # bytes of a lock file that are read
 _UNFOLLOWED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # no link is followed, no pipe waited for
-_BEYOND = 1 << 30  # the byte that is locked on Windows: others can't read locked bytes
+_BEYOND = 1 << 30  # on Windows, the byte to lock: beyond the content, because other processes can't read locked bytes
 
 
 class OutputInUse(OSError):
@@ -31,7 +31,7 @@ class OutputInUse(OSError):
 
 
 def check_place(path: Path) -> None:
-    """Raise a FileNotFoundError that names the folder if the folder of a file to be written doesn't exist."""
+    """Raise FileNotFoundError, which names the folder, unless the folder of the file `path` exists."""
     if not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
 
@@ -42,8 +42,8 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
 
     The lock is a file with host, process and command: `.NAME.lock` next to a file, `.nvsdata.lock` in an existing
     folder. The system releases the lock when the process ends, however it ends, so the lock file of a dead process is
-    taken over. On a file system without locks, host and process number decide: a process of another host counts as
-    alive.
+    taken over. On a file system without locks, the host and process number in the lock file show whether its process is
+    alive; a process of another host counts as alive.
 
     Raises:
         OutputInUse: another process (or thread) has the lock.
@@ -75,7 +75,7 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
         with open(handle, encoding="utf-8") as file:
             if is_dead(str(_holder(file).get("owner"))):
                 return False
-            # of a process of another host, or of a new process with the same number
+            # the owner is on another host, or its number now belongs to a new process
             return _try_lock(file, shared=True) is not True
     except FileNotFoundError:
         return False
@@ -95,7 +95,7 @@ def is_dead_lock(path: Path) -> bool:
             return False
         with path.open(encoding="utf-8") as file:
             if path.name == FOLDER_LOCK and not path.stat().st_size:
-                # its process ended before it wrote its name; an empty file of another name may be another program's
+                # the process ended before it signed its lock; an empty file of another name may be another program's
                 return _try_lock(file, shared=True) is True
             return is_dead(str(_holder(file).get("owner"))) and _try_lock(file, shared=True) is not False
     except (OSError, ValueError):
@@ -103,7 +103,7 @@ def is_dead_lock(path: Path) -> bool:
 
 
 def remove_dead_lock(path: Path) -> None:
-    """Remove the lock of a process that has ended, unless another one has taken it over in the meantime."""
+    """Remove the lock of a process that has ended, unless another process has taken it over in the meantime."""
     with suppress(OSError), open(os.open(path, os.O_RDWR | _UNFOLLOWED), "r+", encoding="utf-8") as file:
         if _try_lock(file) is not False and is_dead(str(_holder(file).get("owner"))) and _is_still(file, path):
             path.unlink()
@@ -121,12 +121,12 @@ def lock_path(output: str | os.PathLike[str]) -> Path:
 
 
 def owner() -> str:
-    """Return a name for this process, of host and process number, which `is_dead` understands."""
+    """Return this process's name, made of host and process number, which `is_dead` understands."""
     return f"{_host()}-{os.getpid()}"
 
 
 def is_dead(name: str) -> bool:
-    """Return whether the process of that name (see `owner`) ran on this host and has ended; False if unknown."""
+    """Return whether the process called `name` by `owner` ran on this host and has ended; False if unknown."""
     host, _, number = name.rpartition("-")
     return host == _host() and number.isdecimal() and not _alive(int(number))
 
@@ -181,7 +181,7 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
                 _sign(file)
                 return file
         except BaseException:
-            # ended by a signal: an unsigned lock couldn't be distinguished from another program's
+            # such as by a signal: an unsigned lock file couldn't be distinguished from another program's file
             if free and _is_still(file, place):
                 place.unlink()
             file.close()
@@ -190,7 +190,7 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
 
 
 def _refuse_others(place: Path) -> None:
-    """Raise FileExistsError if a file that is not a lock has the lock's name: it would be overwritten."""
+    """Raise FileExistsError if `place` is a file but not a lock, because the lock would overwrite it."""
     with suppress(FileNotFoundError):
         status = place.lstat()
         # a lock cut off by a full disk or a kill is empty, or begins like one
@@ -222,7 +222,7 @@ def _try_lock(file: IO[str], *, shared: bool = False) -> bool | None:
 
 
 def _is_still(file: IO[str], place: Path) -> bool:
-    """Return whether the locked file still has that name: another process may have removed it meanwhile."""
+    """Return whether `place` is still the locked file: another process may have removed it meanwhile."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), os.stat(place))
     except FileNotFoundError:

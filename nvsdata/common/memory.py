@@ -21,12 +21,12 @@ UNKNOWN = 1 << 46  # bytes, more than a process can address
 
 
 def zeros(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike = np.float32, fill: Any = 0) -> Any:
-    """Return an array of one value for a sensor; MemoryError as in `check_memory`.
+    """Return an array filled with one value; MemoryError as in `check_memory`.
 
     Args:
-        size: (width, height) of the sensor in pixels.
-        shape: of the array.
-        dtype: of the array.
+        size: (width, height) of the sensor in pixels, for the error message.
+        shape: shape of the array.
+        dtype: type of the array.
         fill: the value.
     """
     make = (lambda: np.full(shape, fill, dtype)) if fill else (lambda: np.zeros(shape, dtype))
@@ -34,7 +34,7 @@ def zeros(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike = np
 
 
 def allocated(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike, make: Callable[[], Any]) -> Any:
-    """Return `make()`, which allocates an array of this shape; MemoryError as in `check_memory`."""
+    """Return the array of this shape that `make()` allocates; MemoryError as in `check_memory`."""
     check_memory(size, shape, dtype)
     try:
         return make()
@@ -43,7 +43,7 @@ def allocated(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike,
 
 
 def check_memory(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike = np.float32) -> None:
-    """Raise a MemoryError that names the sensor (width, height) if an array takes more memory than is free."""
+    """Raise MemoryError, which names the sensor size (width, height), if an array takes more memory than is free."""
     count = array_bytes(shape, dtype)
     if count >= LARGE and count > (free := free_memory()):
         raise _missing(size, shape, dtype, f"and {free / 1e9:.3g} GB are free")
@@ -62,7 +62,7 @@ def free_memory() -> int:
         known = re.search(r"MemAvailable: *(\d+) kB", Path("/proc/meminfo").read_text())
         if known:
             found.append(int(known[1]) << 10)
-        # of a container
+        # a container may have a lower limit
         limit, used, stat = (
             Path("/sys/fs/cgroup", f"memory.{name}").read_text() for name in ("max", "current", "stat")
         )

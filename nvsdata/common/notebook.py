@@ -1,7 +1,10 @@
-"""Functions that draw objects in notebooks, by class name. A class looks up its own; a package above registers it."""
+"""Functions that draw objects in notebooks, by class name.
+
+`_repr_png_` of a class looks up its function here, because the class can't import `nvsdata.plots`, which is above it.
+"""
 
 from collections.abc import Callable
 from typing import Any
 
 drawers: dict[str, Callable[[Any], bytes]] = {}
-"""Each returns a PNG."""
+"""Class name to a function that returns the PNG of an object."""

@@ -1,4 +1,4 @@
-"""Steps of a pipeline in threads: decoding, emulating and writing overlap, because each releases Python's lock."""
+"""Steps of a pipeline in threads: decoding, emulating and writing overlap, because they release Python's GIL."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
 DEPTH = 8  # items that are made in advance
-PATIENCE = 0.005  # s to wait for several items instead of one
-LONGEST = 5  # s that the end of the process waits for an item to be made
+PATIENCE = 0.005  # s that the consumer waits for several items instead of one
+LONGEST = 5  # s that the process, when it ends, waits for an item that is being made
 
 
 _alone = False
@@ -33,12 +33,12 @@ def in_one_thread() -> bool:
 def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
     """Yield the items, up to `DEPTH` of which are made in advance in a separate thread.
 
-    An error is raised where its item would come. Closing the generator stops the thread and closes `items`.
+    An error of `items` is raised in place of the item. Closing the generator stops the thread and closes `items`.
 
     Args:
         items: the items.
-        worth: s of processor time per item. Because threads wait for each other, the thread starts only after `DEPTH`
-            items in a row took longer; 0 starts it at once.
+        worth: processor time per item, in s, from which a thread is worthwhile: it starts after `DEPTH` items in a row
+            that took longer. 0 (default) starts it at once.
     """
     try:
         slow = 0
@@ -73,8 +73,8 @@ def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
 class _Queue(Generic[Item]):
     """Queue of items from one thread to another.
 
-    Waking a thread often takes longer than making an item, so both threads sleep for several items: the producer until
-    the queue is empty, the consumer until it is half full or `PATIENCE` has passed.
+    Waking a thread often takes longer than making an item, so each thread sleeps until it can handle several: the
+    producer until the queue is empty, the consumer until it is half full or `PATIENCE` has passed.
     """
 
     def __init__(self, items: Iterator[Item]) -> None:
@@ -105,9 +105,9 @@ class _Queue(Generic[Item]):
                 self._change.notify()
 
     def take(self) -> list[Item]:
-        """Return the items made so far, at least one; empty at the end. Raises the error of making the next item."""
+        """Return the items made so far, at least one; [] at the end. After the last item, raise its source's error."""
         with self._change:
-            # each item of a slow source, such as a camera's frames, is taken as soon as it is there
+            # an item of a slow source, such as a camera's frame, is taken as soon as it is made
             self._change.wait_for(lambda: len(self._made) >= DEPTH // 2 or self._ended, PATIENCE)
             self._starving = True
             self._change.wait_for(lambda: bool(self._made) or self._ended)
@@ -120,7 +120,7 @@ class _Queue(Generic[Item]):
         return found
 
     def stop(self, error: BaseException | None = None) -> None:
-        """Make the producer stop after its current item; `take` then raises `error` instead of returning the end."""
+        """Make the producer stop after its current item; `take` then raises `error`, if given, at the end."""
         with self._change:
             self._stopped, self._reason = True, error
             self._change.notify()
@@ -142,5 +142,5 @@ def _end() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    # they don't run in a child, and their locks may be held there
+    # the threads don't run in a forked process, and their locks may be held there
     os.register_at_fork(after_in_child=_running.clear)

@@ -29,8 +29,8 @@ def process_pool(count: int, module: str, prepare: Callable[[], None] | None = N
     """Return a pool of processes that end when this process does, even if it is killed.
 
     Forking a process that has threads (such as torch's) may hang. So the processes are forked from a server process
-    that has only imported `module`, which takes a second once. On systems without a fork server each process imports
-    it.
+    that has only imported `module`; starting the server takes a second. On systems without a fork server, each process
+    imports `module`.
 
     Args:
         count: number of processes.
@@ -58,7 +58,7 @@ def end_with_parent() -> None:
 
     def watch() -> None:
         wait([parent.sentinel])
-        # nobody needs its result now; the next run removes the files that it was writing
+        # nobody needs this process's result now; the next run removes the files that it was writing
         os._exit(1)
 
     Thread(target=watch, name="nvsdata-parent", daemon=True).start()

@@ -29,7 +29,7 @@ def bar(things: Iterable[Any] | None = None, desc: str | None = None, *, shown: 
     """Return a progress bar.
 
     Args:
-        things: what it iterates over; None for one that is updated by `update`.
+        things: iterable whose progress it shows; None for a bar that is advanced by its method `update`.
         desc: text in front of the bar.
         shown: False hides it.
         **more: parameters of tqdm.
@@ -37,7 +37,7 @@ def bar(things: Iterable[Any] | None = None, desc: str | None = None, *, shown: 
     if (columns := _columns()) is not None:
         # a pseudo-terminal may have no size: tqdm would draw nothing
         more = {"ncols": columns or WIDTH} | more
-    # unescaped, because it moves the cursor
+    # unescaped, because the bar moves the cursor
     more |= {"file": Terminal(unescaped(sys.stderr)), "disable": None if shown and not is_quiet() else True}
     return Bar(things, desc, **more)
 

@@ -1,4 +1,4 @@
-"""Registries of objects by name: nvsdata's, those that a program registers, and those of installed packages."""
+"""Registries by name of nvsdata's objects, objects that a program registers, and objects of installed packages."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ def entry_points(group: str) -> Iterable[Any]:
 class Registry(Mapping[str, Thing], Generic[Thing]):
     """Objects by their names, in the order in which they were registered.
 
-    Objects of installed packages come last: they are the entry points of the group `nvsdata.PLURAL`, and are loaded
-    when a name isn't found without them, or when all names are requested. One that can't be loaded causes a warning.
+    Objects of installed packages come last. They are the entry points of the group `nvsdata.PLURAL`, and are loaded
+    when a name isn't found without them, or when all names are requested. An object that can't be loaded causes a
+    warning.
 
     Args:
         singular: word for such an object, for messages.
         plural: word for several of them, which names the group of entry points.
-        enter: registers (name, object) of an entry point; by default under the entry point's name.
+        enter: function that registers an entry point's object, given name and object (default: `register`).
     """
 
     def __init__(self, singular: str, plural: str, enter: Callable[[str, Any], Any] | None = None) -> None:
@@ -42,7 +43,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
     def register(self, name: str, thing: Thing) -> Thing:
         """Register an object under a name; return it.
 
-        A class that is defined again, such as when a cell of a notebook is run again, replaces the former.
+        A class that is defined again, such as when a cell of a notebook is run again, replaces its earlier version.
 
         Raises:
             ValueError: another object has the name.
@@ -71,7 +72,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         return tuple(self._known.values())
 
     def load_installed(self) -> bool:
-        """Load the objects of installed packages unless that was done; return whether there are new ones."""
+        """Load the objects of installed packages unless they were loaded before; return whether there are new ones."""
         if self._loaded:
             return False
         before = len(self._known)
@@ -81,7 +82,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
     def _load(self) -> None:
         if self._loaded:
             return
-        # other threads wait; a package that looks up names while it is loaded finds those known so far
+        # other threads wait; a package that looks up names while it is loaded finds the names known so far
         with _locks[0]:
             if self._loaded or self._loading:
                 return
@@ -116,7 +117,7 @@ _locks = [RLock()]
 
 
 def _renew_lock() -> None:
-    """Replace the lock in a forked process, which a thread of the parent may hold."""
+    """Replace the lock in a forked process, because a thread of the parent may have held the old one."""
     _locks[0] = RLock()
 
 

@@ -14,8 +14,8 @@ from types import CodeType, FrameType
 # sent when a terminal is closed, by `kill` and `timeout`, and when a machine is shut down
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
-AGAIN_S = 0.01  # until a signal that came within a forbidden function is sent again
-LOST_S = 1.0  # after which it is sent without the thread that was to do so
+AGAIN_S = 0.01  # s after which a signal that arrived within a protected function is sent again, by a thread
+LOST_S = 1.0  # s to wait at the end of the block for that thread, before the signal is sent without it
 
 
 class Ended(KeyboardInterrupt):
@@ -52,10 +52,10 @@ def ending_by_signals() -> Iterator[None]:
 
 @contextmanager
 def never_within(codes: set[CodeType]) -> Iterator[None]:
-    """Make Ctrl-C, SIGTERM and SIGHUP wait, in the block, until none of the functions with these codes is running.
+    """Delay Ctrl-C, SIGTERM and SIGHUP, in the block, while a function with one of these code objects is running.
 
-    For functions that a C library calls: it would lose or misreport an exception that is raised in them. Outside the
-    main thread nothing is done.
+    For functions that a C library calls: the library would lose or misreport an exception that is raised in them.
+    Outside the main thread nothing is done.
     """
     waiting: list[tuple[int, LockType]] = []
     numbers = (signal.SIGINT, *ENDING) if current_thread() is main_thread() else ()

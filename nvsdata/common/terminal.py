@@ -1,4 +1,4 @@
-"""Messages to the user, safe for terminals, also after the terminal was closed."""
+"""Messages to the user: control characters are escaped, and a closed terminal causes no error."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Terminal:
 
 
 class Escaped:
-    """A text stream that escapes commands to the terminal (see `shown`); line breaks and tabs stay."""
+    """A text stream that escapes control characters (see `shown`), except line breaks and tabs."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -70,7 +70,7 @@ def escaped_output() -> Iterator[None]:
 
 
 def unescaped(stream: TextIO) -> TextIO:
-    """Return the stream below an escaping one, for output that moves the cursor on purpose."""
+    """Return the stream that an `Escaped` stream writes to, for output that moves the cursor on purpose."""
     return stream.stream if isinstance(stream, Escaped) else stream
 
 
@@ -106,9 +106,9 @@ def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON can contain it, without NaN, infinity and arrays."""
+    """Convert a value to types that JSON has: arrays to lists, NaN and infinity to None."""
     if hasattr(value, "tolist"):
-        # of numpy
+        # an array or a number of numpy
         value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Tables and HTML of text that may contain anything."""
+"""Tables and HTML from text that may contain any characters."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def as_html(text: object, keep: str = "") -> str:
     """Return text for an HTML page, inside an element or a quoted attribute.
 
     Args:
-        text: any text; what terminals can't show safely is escaped, too (see `shown`).
+        text: any text; characters that terminals can't show safely are escaped, too (see `shown`).
         keep: characters that are not escaped, such as line breaks.
     """
     return html.escape(shown(text, keep))

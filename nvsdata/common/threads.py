@@ -12,12 +12,12 @@ def during_block(work: Callable[[Event], None], name: str, patience: float | Non
     """Run `work` in a thread while the block runs.
 
     Args:
-        work: Function that returns soon after the event it takes is set, which is when the block ends.
+        work: Function that takes an event, which is set when the block ends, and returns soon after that.
         name: Name of the thread.
-        patience: Longest time in s to wait for its end (default: unlimited).
+        patience: Longest time in s to wait for `work` to return (default: unlimited).
     """
     ended = Event()
-    # a daemon, because the process must end although `work` hangs
+    # a daemon, because the process must end even if `work` hangs
     thread = Thread(target=work, args=(ended,), name=name, daemon=True)
     thread.start()
     try:

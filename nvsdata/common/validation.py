@@ -6,7 +6,7 @@ import math
 
 
 def positive(name: str, value: float) -> None:
-    """Raise ValueError unless `value` is finite and > 0; the message calls it `name`."""
+    """Raise ValueError unless `value` is finite and > 0; the message calls the value `name`."""
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} must be positive, not {value}")
 

@@ -24,7 +24,7 @@ class Batch(NamedTuple):
 
     Args:
         inputs: A `GraphBatch`, `Padded`, `EventBatch`, tensor [B, ...], or list, by the kind of the samples.
-        targets: int64 [B] for labels; else what `collate` describes.
+        targets: int64 [B] for labels; other targets as `collate` describes them.
     """
 
     inputs: Any
@@ -42,7 +42,7 @@ def collate(
     Args:
         samples: The pairs. Graphs become a `GraphBatch`. Sequences of S graphs become a `GraphBatch` with `volumes` =
             S. Tensors of one shape are stacked. Anything else is collated by torch, and so are targets (ints to int64
-            [B]). Targets with boxes stay a list, because their numbers of boxes differ.
+            [B]). Targets that are dicts with `boxes` stay a list, because their numbers of boxes differ.
         pad: Whether tensors of unequal size, such as different numbers of frames, become a `Padded`, filled with
             zeros. It applies to targets that are tensors, too (default False).
         events: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes
@@ -97,7 +97,7 @@ def _stack(inputs: list[Any], pad: bool = False, events: str = "list") -> Any:
 def _unequal(targets: list[Any], pad: bool, name: str = "target") -> Any:
     """Collate targets that torch can't collate because they contain tensors of unequal size, such as joint positions.
 
-    They are padded; if `pad` is false, the ValueError names the place.
+    Such tensors are padded; if `pad` is false, a ValueError names the target, such as "target['pose']".
     """
     first = targets[0]
     if all(isinstance(target, torch.Tensor | np.ndarray) for target in targets):
@@ -122,14 +122,14 @@ def _check_shapes(shapes: list[tuple[int, ...]], pad: bool, name: str = "sample"
             what = f"{name} 0 has the shape {shapes[0]}, {name} {number} {shape}: they don't fit into one batch"
             if len(shape) != len(shapes[0]):
                 raise ValueError(what)
-            # of images, and of sequences of them
+            # images, or sequences of images
             if name == "sample" and len(shape) > 2 and shape[-2:] != shapes[0][-2:]:
                 what = f"{what}. If they {sensor_size_advice((one[-1], one[-2]) for one in (shapes[0], shape))}"
-            raise ValueError(f"{what}. Fill them up (collate with pad=True), {cuts}, or batch_size=1")
+            raise ValueError(f"{what}. Pad them (collate with pad=True), {cuts}, or use batch_size=1")
 
 
 def _send(batch: Batch) -> tuple[Any, ...]:
-    """Pickle a batch in a worker, with all tensors in one piece, because torch sends each tensor separately."""
+    """Pickle a batch in a worker, with all tensors in one, because torch would send each tensor separately."""
     graphs, targets = batch
     if not (isinstance(graphs, GraphBatch) and isinstance(targets, torch.Tensor)):
         return Batch, tuple(batch)

@@ -15,7 +15,7 @@ class Boxes:
     Args:
         edges: float32 [N, 4], left, top, right and bottom edge in pixels; pixel 0 is between the edges 0 and 1.
         sensor_size: (width, height) in pixels.
-        index: int64 [N], number of each box among the original ones.
+        index: int64 [N], index of each box among those from which this object was made, before any were dropped.
     """
 
     edges: torch.Tensor
@@ -24,7 +24,10 @@ class Boxes:
 
     @classmethod
     def of(cls, edges: Any, sensor_size: tuple[int, int]) -> Boxes:
-        """Return boxes with these edges, as in the field `edges`. ValueError unless they are [N, 4] in that order."""
+        """Return boxes with these `edges`, clipped to the sensor.
+
+        ValueError unless `edges` is [N, 4] with left <= right and top <= bottom edges, in the order of the field.
+        """
         edges = torch.as_tensor(edges, dtype=torch.float32, device="cpu")
         edges = edges.reshape(-1, 4) if edges.numel() == 0 else edges
         if edges.ndim != 2 or edges.shape[1] != 4 or not bool((edges[:, :2] <= edges[:, 2:]).all()):
@@ -42,12 +45,16 @@ class Boxes:
         return self.edges[:, [0, 1, 2, 1, 0, 3, 2, 3]].reshape(-1, 2) - 0.5
 
     def moved(self, pos: torch.Tensor) -> Boxes:
-        """Return the boxes around other corners [4 N, 2], in the coordinates of `pos`."""
+        """Return the boxes around moved corners [4 N, 2], in the order and coordinates of the property `pos`."""
         corners = (pos + 0.5).reshape(-1, 4, 2)
         return self._cut(torch.cat((corners.amin(1), corners.amax(1)), 1), self.sensor_size)
 
     def seen(self, x: float, y: float, scale: tuple[float, float], sensor_size: tuple[int, int]) -> Boxes:
-        """Return the boxes on another sensor: its top left is at (x, y), its pixels are 1 / scale as wide and high."""
+        """Return the boxes on another sensor of `sensor_size`.
+
+        The other sensor's top left corner is at (x, y), in pixels of this sensor. Its pixels are 1 / scale as wide and
+        high as those of this sensor.
+        """
         edges = (self.edges - torch.tensor([x, y, x, y])) * torch.tensor([*scale, *scale])
         return self._cut(edges, sensor_size)
 

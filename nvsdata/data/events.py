@@ -66,8 +66,8 @@ class Columns(NamedTuple):
 class Events:
     """Events sorted by time, as one array per column.
 
-    Treat Events as immutable: operations return new Events, which share memory where possible. An index returns Events
-    of one event, and so does iteration; in loops, use the columns instead.
+    Treat Events as immutable: operations return new Events, which share memory where possible. Indexing and iteration
+    return Events of one event each; in loops, use the columns instead.
 
     Args:
         t: Times in µs. Unsorted input is sorted; events at equal times keep their order. It becomes int64 [N].
@@ -251,7 +251,7 @@ class Events:
     __hash__ = None  # type: ignore[assignment]
 
     def _repr_png_(self) -> bytes | None:
-        """Return the image that a notebook shows; None leaves it at the text."""
+        """Return the PNG that a notebook shows; with None it shows the repr."""
         draw = drawers.get("Events")
         return None if draw is None else draw(self)
 
@@ -266,7 +266,7 @@ def concatenate(pieces: Sequence[Columns]) -> Columns:
 
 
 def concatenate_events(pieces: Sequence[Events]) -> Events:
-    """Concatenate pieces of a stream, in order of time. The result has the first one's start and the last one's end."""
+    """Concatenate pieces of a stream in order of time, from the start of the first piece to the end of the last one."""
     columns = concatenate([piece.columns for piece in pieces])
     return Events.trusted(columns, pieces[0].sensor_size, pieces[0].start, pieces[-1].stated_end)
 
@@ -277,7 +277,7 @@ def extent(columns: Columns) -> tuple[int, int]:
 
 
 def sort_by_time(columns: Columns) -> Columns:
-    """Sort columns stably by time; sorted ones are returned as they are."""
+    """Sort columns stably by time; columns that are sorted are returned without a copy."""
     if is_sorted(columns.t):
         return columns
     strays = late(columns.t, columns.t.size // FEW)
@@ -294,7 +294,10 @@ def sort_by_time(columns: Columns) -> Columns:
 
 
 def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int | None) -> tuple[int | None, int | None]:
-    """Return start and end of the window [start, stop) of a recording from `begin` to `end`; None means unknown."""
+    """Return first and last moment (µs) of the window [start, stop) of a recording from `begin` to `end`.
+
+    None for `start` or `stop` is without bound; all other None mean unknown.
+    """
     if end is None:
         # without the end, the true start isn't known either
         return begin if start is None else start, None
@@ -336,7 +339,7 @@ def check_inside(events: Events, sensor_size: tuple[int, int] | None = None) -> 
 
 
 def _as_column(values: np.ndarray, kind: type[np.generic]) -> np.ndarray:
-    """Convert values to a type. Those of a packed structured array are copied, because kernels need aligned numbers."""
+    """Convert values to a type. Fields of packed structured arrays are copied, because kernels need aligned numbers."""
     values = values.astype(kind, copy=False)
     return values if values.flags.aligned else values.copy()
 

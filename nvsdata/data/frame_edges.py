@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.data.events import EVER, LATEST, Events
 
 MICROSECONDS = 1_000_000
-MAX_FRAMES = 1 << 24  # frames in a sequence (six days at 30 per second); more of them are a wrong clock
+MAX_FRAMES = 1 << 24  # frames in a sequence (six days at 30 per second); more frames show that times are wrong
 
 
 def frame_edges(duration: int, fps: float | None) -> np.ndarray:
@@ -26,7 +26,7 @@ def frame_edges(duration: int, fps: float | None) -> np.ndarray:
         raise ValueError(
             f"{seconds:,.0f} s are {count:,} frames, which are too many: check `Events.start` and the times"
         )
-    # one more, because rounding may move the last edge before the end
+    # one edge more, because rounding may move the last edge before the end
     with np.errstate(over="ignore"):
         edges = np.round(np.arange(count + 2) * MICROSECONDS / fps)
     # an edge beyond the end may also be beyond int64
@@ -39,8 +39,8 @@ def frame_edges(duration: int, fps: float | None) -> np.ndarray:
 def frame_bounds(events: Events, origin: int, edges: np.ndarray) -> np.ndarray:
     """Return the index of the first event of each frame, and the end of the last frame: int64 [frames + 1].
 
-    `edges` count from `origin`. A frame contains the events after its start, up to and including its end, because
-    events emulated from a video's frame may have exactly that frame's time. The first frame also contains
+    `edges` (µs) are relative to the time `origin`. A frame contains the events after its start, up to and including its
+    end, because events emulated from a video's frame may have exactly that frame's time. The first frame also contains
     the events at its start.
     """
     bounds = np.searchsorted(events.t, origin + edges, "right")
@@ -49,17 +49,17 @@ def frame_bounds(events: Events, origin: int, edges: np.ndarray) -> np.ndarray:
 
 
 def equal_bounds(events: Events, count: int) -> np.ndarray:
-    """Return bounds, as in `frame_bounds`, of `count` frames of equal duration.
+    """Return bounds, as `frame_bounds` does, of `count` frames of equal duration.
 
-    They cover `events.start` to `events.end`. An event at t is in frame floor(count (t - start) / (end - start)); an
-    event at the end is in the last frame.
+    The frames cover `events.start` to `events.end`. An event at t is in frame floor(count (t - start) / (end - start));
+    an event at the end is in the last frame.
     """
     check_count(count)
     return fraction_bounds(events, events.start, events.end, [(n, count) for n in range(count)])
 
 
 def fraction_bounds(events: Events, start: int, end: int, fractions: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Return bounds of frames that begin at fractions a / b of the time from `start` to `end` (µs)."""
+    """Return bounds, as `frame_bounds` does, of frames that begin at fractions a / b of the time `start` to `end`."""
     # at least 1, so that events at one time are in the first frame
     duration = max(end - start, 1)
     # Python's integers, because a product of times may not fit int64
@@ -67,7 +67,7 @@ def fraction_bounds(events: Events, start: int, end: int, fractions: Sequence[tu
 
 
 def duration_bounds(events: Events, duration: int) -> np.ndarray:
-    """Return bounds of frames of `duration` µs from `events.start` on; there is at least one frame.
+    """Return bounds, as `frame_bounds` does, of frames of `duration` µs from `events.start` on, at least one frame.
 
     A frame contains the events at its start, but not those at its end; the last frame contains both. ValueError for
     more than 2^24 frames.
@@ -78,7 +78,7 @@ def duration_bounds(events: Events, duration: int) -> np.ndarray:
 
 
 def count_bounds(events: Events, count: int) -> np.ndarray:
-    """Return bounds of frames of `count` events; there is at least one frame, and the last may have fewer events."""
+    """Return bounds, as `frame_bounds` does, of frames of `count` events, at least one; the last may have fewer."""
     frames = max(-(-len(events) // int(count)), 1)
     check_count(frames)
     return np.minimum(np.arange(frames + 1) * int(count), len(events))

@@ -139,7 +139,7 @@ class GraphBatch(Graph):
 
     @classmethod
     def from_graphs(cls, graphs: Sequence[Graph], *, volumes: int = 1) -> GraphBatch:
-        """Concatenate graphs; a single one isn't copied.
+        """Concatenate graphs; a single graph isn't copied.
 
         Args:
             graphs: The graphs, at least one.
@@ -240,7 +240,10 @@ class GraphBatch(Graph):
 
 
 def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return source, target and pseudo-coordinates, grouped by target (CPU). ValueError for invalid edges."""
+    """Return sources, targets and pseudo-coordinates `u` of edges, grouped by target. ValueError for invalid edges.
+
+    The tensors must be on the CPU; `nodes` is the number of nodes.
+    """
     source, target, u = edge_index[0].contiguous(), edge_index[1].contiguous(), u.detach().contiguous()
     if len(u) != len(source):
         raise ValueError(f"edge_attr has {len(u)} rows for {len(source)} edges")
@@ -264,7 +267,7 @@ def _torch_geometric() -> Any:
 
 
 def sequence_of(graphs: Any) -> list[Graph]:
-    """Return the graphs of a sequence. TypeError for anything but a list or tuple of graphs."""
+    """Return a list or tuple of graphs as a list. TypeError for anything else."""
     if not isinstance(graphs, list | tuple) or not all(isinstance(graph, Graph) for graph in graphs):
         raise wrong_type("a graph, or a list of graphs", graphs)
     return list(graphs)

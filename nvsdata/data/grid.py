@@ -21,7 +21,10 @@ def grid_shape(sensor_size: Size, cluster: Size) -> Size:
 
 
 def cells(pos: torch.Tensor, cluster: Size, grid: Size) -> torch.Tensor:
-    """Return the cell of each node, row * columns + column, int64 [N]. Nodes outside are in border cells; NaN is 0."""
+    """Return the cell of each node, row * columns + column, int64 [N].
+
+    Nodes outside the grid are in the nearest border cells. A coordinate of NaN counts as 0.
+    """
     # NaN as an index would make the GPU unusable for this process
     column = (pos[:, 0] / cluster[0]).floor().clamp(0, grid[0] - 1).nan_to_num(0).long()
     row = (pos[:, 1] / cluster[1]).floor().clamp(0, grid[1] - 1).nan_to_num(0).long()

@@ -25,12 +25,12 @@ class _OtherData:
         self._next = next(self._frames, None)
 
     def first(self) -> list[int]:
-        """Return the times of the next frame and the next sample, if there are any."""
+        """Return the times in µs of the next inertial sample and the next frame, if there are any."""
         times = self._inertial.t[:1].tolist()
         return times if self._next is None else [*times, self._next.exposure_start]
 
     def until(self, last: int) -> tuple[list[Frame], Inertial]:
-        """Return the remaining frames and samples up to and including the time `last` (µs)."""
+        """Return the frames and inertial samples not returned before, up to and including the time `last` (µs)."""
         frames = []
         while self._next is not None and self._next.exposure_start <= last:
             frames.append(self._next)
@@ -41,7 +41,7 @@ class _OtherData:
 
 
 def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
-    """Yield a recording in pieces of `every` µs, with frames and inertial samples; the last one has `Recording.about`.
+    """Yield a recording in pieces of `every` µs with frames and inertial samples, then an empty piece with `about`.
 
     All events are decoded first, so that damage is reported before the first piece. Times without any data are skipped.
     """
@@ -57,9 +57,9 @@ def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
 
 
 def in_windows(recording: Recording, count: int) -> Iterator[Events]:
-    """Yield a recording in `count` windows of equal duration; memory is needed for the largest of them only.
+    """Yield a recording in `count` windows of equal duration; only one window at a time is in memory.
 
-    Damage is reported when its window is read.
+    Damage is reported when the window that contains it is read.
     """
     first, last = recording.span
     edges = [first + (last + 1 - first) * n // count for n in range(count + 1)]
@@ -73,7 +73,8 @@ def in_windows(recording: Recording, count: int) -> Iterator[Events]:
 def cut_pieces(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> Iterator[Events]:
     """Yield a recording from `start` to `stop` (µs) in pieces of `every` µs, with times counted from `start`.
 
-    A frame belongs to the piece in which its exposure begins. `started` in `about` becomes the time of `start`.
+    A frame belongs to the piece in which its exposure begins. In `about`, `started` becomes the wall-clock time of
+    `start`.
     """
     about = about_from(recording.about, start)
     other = _OtherData(recording, start, stop) if recording.holds_samples else None

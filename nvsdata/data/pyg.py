@@ -1,6 +1,6 @@
 """Graphs of PyTorch Geometric: checks a `Data` or `Batch` and returns the fields of a `Graph`.
 
-This module doesn't import torch_geometric. A program that has such an object has imported it.
+This module doesn't import torch_geometric, because a program that has a `Data` has imported it already.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def fields_of(data: Any, names: Collection[str]) -> dict[str, Any]:
 
 
 def _settings(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields that aren't tensors; batches of PyG have a list of them, with an entry for each graph."""
+    """Return the fields that aren't tensors. In a batch of PyG, such a field is a list with an entry for each graph."""
     settings: dict[str, Any] = {}
     for name in found.keys() - {*NEEDED, "t", "edge_attr", "y", "batch", "ptr"}:
         value = found[name]
@@ -80,7 +80,7 @@ def _nodes(found: dict[str, Any]) -> dict[str, torch.Tensor]:
 
 
 def _edges(found: dict[str, Any]) -> dict[str, torch.Tensor]:
-    """Return edges grouped by target, and their attributes, if there are any."""
+    """Return the fields `edge_index`, grouped by target, and `edge_attr`, if there is one."""
     edges, nodes = found["edge_index"], found["x"].shape[0]
     if edges.ndim != 2 or edges.shape[0] != 2 or edges.is_floating_point():
         raise ValueError(f"edge_index must be int64 [2, E], not {edges.dtype} {list(edges.shape)}")

@@ -17,7 +17,8 @@ Context = tuple[tuple[str, ...], tuple[tuple[str, Any], ...]]
 def pytree_node(kind: Kind) -> Kind:
     """Register a data class as a pytree: fields that are tensors are leaves, all others are its context.
 
-    `torch.export.save` stores the context as JSON. An exported network takes only objects of equal context.
+    `torch.export.save` stores the context as JSON. An exported network takes only objects whose context is equal to
+    that of its example input.
     """
 
     def flatten(value: Any) -> tuple[list[Any], Context]:
@@ -47,5 +48,5 @@ def pytree_node(kind: Kind) -> Kind:
 
 
 def _tuples(value: Any) -> Any:
-    """Convert lists of JSON to tuples."""
+    """Convert lists, which JSON has in place of tuples, to tuples; also nested ones."""
     return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -15,18 +15,18 @@ Ragged = TypeVar("Ragged", bound="_Tensors")
 
 
 def sensor_size_advice(sizes: Iterable[tuple[int, int]]) -> str:
-    """Return a message about samples of several sensor sizes (width, height)."""
+    """Return the end of an error message about samples of several sensor sizes (width, height)."""
     several = sorted(set(sizes))
     shown = ", ".join(f"{width}x{height}" for width, height in several)
     largest = max(width for width, _ in several), max(height for _, height in several)
     # as for files of N-MNIST that are read one by one
     cause = "a file that doesn't state its sensor gets the smallest size that contains its events"
-    cure = f"state it, sensor_size={largest}, in nvsdata.read, nvsdata.open or EventFolder"
+    cure = f"pass sensor_size={largest} to nvsdata.read, nvsdata.open or EventFolder"
     return f"have several sensor sizes, {shown}: {cause}, so {cure}"
 
 
 class _Tensors:
-    """Base class: a data class of tensors that are moved to a device together."""
+    """Base class of data classes whose tensors are moved to a device together."""
 
     def to(self: Ragged, device: torch.device | str, non_blocking: bool = False) -> Ragged:
         """Return a copy on another device."""
@@ -137,7 +137,7 @@ class EventBatch(_Tensors):
 
     @property
     def durations(self) -> torch.Tensor:
-        """µs from each sample's first event to its last: int64 [B]."""
+        """Time from each sample's first event to its last in µs: int64 [B]."""
         return self._times(self.offsets[1:] - 1) - self.starts
 
     def _times(self, at: torch.Tensor) -> torch.Tensor:

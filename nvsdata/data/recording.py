@@ -58,7 +58,7 @@ class Recording(ABC):
 
     @abstractmethod
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
-        """Return the events with start <= t < stop, sorted by time. They are empty outside the recording.
+        """Return the events with start <= t < stop, sorted by time; no events for a window outside the recording.
 
         Args:
             start: µs in the file's clock; None (default) is without bound.
@@ -110,7 +110,7 @@ class Recording(ABC):
         They are read from Prophesee's `.raw` and AEDAT 4.
 
         Raises:
-            FormatError: If it is another format.
+            FormatError: If the file has another format.
         """
         raise FormatError(self.path, f"external triggers aren't read from {self.format} files")
 
@@ -118,9 +118,9 @@ class Recording(ABC):
     def about(self) -> Mapping[str, Any]:
         """Metadata that the file states; a key is missing if the file doesn't state it.
 
-        Of a camera: `camera` (name), `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (two numbers by
-        name), `temperature` (°C). Of emulated events: `emulator` (its settings), `imperfections` (numbers of events
-        that they added and removed), `frame_times` (of the video's frames, int64, µs).
+        For a camera: `camera` (name), `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (two numbers by
+        name), `temperature` (°C). For emulated events: `emulator` (its settings), `imperfections` (numbers of events
+        that each imperfection of the sensor added or removed), `frame_times` (times of the video's frames, int64, µs).
         """
         return {}
 
@@ -161,7 +161,7 @@ class Recording(ABC):
         return iter((self.read(),))
 
     def anomalies(self) -> Mapping[str, int]:
-        """Count the anomalies of the recording: steps back in time, and duplicate events."""
+        """Return the number of anomalies of each kind: steps back in time, and duplicate events."""
         return anomalies_of(self.read().columns)
 
     def __repr__(self) -> str:
@@ -191,7 +191,7 @@ def as_events(sample: object) -> Events:
 
 
 def events_inside(sample: object) -> Events:
-    """Return `as_events(sample)` for kernels that use coordinates as indices. ValueError for events outside."""
+    """Return `as_events(sample)` for kernels that use coordinates as indices. ValueError for events off the sensor."""
     return check_inside(as_events(sample))
 
 

@@ -20,8 +20,8 @@ class Frame:
         exposure_start: Start of the exposure, in µs.
         exposure_end: End of the exposure, in µs.
         end: Time of the frame's last data, in µs.
-        x: Column of the sensor's pixel that is the top left one of the frame.
-        y: Row of that pixel.
+        x: Column, on the sensor, of the frame's top left pixel.
+        y: Row, on the sensor, of the frame's top left pixel.
         pixels: uint16 [height, width]; larger is brighter.
     """
 
@@ -40,7 +40,7 @@ class Frame:
 
 
 class Inertial(NamedTuple):
-    """Samples of an inertial unit (IMU). Quantities that it doesn't measure are 0.
+    """Samples of an inertial unit (IMU). Quantities that the unit doesn't measure are 0.
 
     Args:
         t: Times in µs of the events' clock, int64 [N].
@@ -56,7 +56,7 @@ class Inertial(NamedTuple):
 
     @classmethod
     def empty(cls) -> Inertial:
-        """Return no samples."""
+        """Return an `Inertial` without samples."""
         vectors = np.empty((0, 3), np.float32)
         return cls(np.empty(0, np.int64), vectors, vectors, np.empty(0, np.float32))
 
@@ -107,9 +107,9 @@ class Piece(Events):
     """Events together with the other data of a camera, as `nvsdata.write` takes them piece by piece.
 
     Attributes:
-        frames: Frames of the same time.
-        inertial: Inertial samples of the same time.
-        about: Metadata as in `Recording.about`; in a sequence of pieces, later ones add to earlier ones.
+        frames: Frames in the piece's time range.
+        inertial: Inertial samples in the piece's time range.
+        about: Metadata as in `Recording.about`; in a sequence of pieces, later metadata add to earlier metadata.
     """
 
     __slots__ = ("about", "frames", "inertial")
@@ -122,7 +122,7 @@ class Piece(Events):
     def of_camera(
         cls, events: Events, frames: Sequence[Frame] = (), inertial: Inertial | None = None, about: Any = None
     ) -> Self:
-        """Return a piece of these events with the other data; the columns aren't copied."""
+        """Return a piece with these events, frames, inertial samples and metadata; the columns aren't copied."""
         piece = cls.__new__(cls)
         for name in Events.__slots__:
             setattr(piece, name, getattr(events, name))
@@ -141,7 +141,7 @@ def without_samples(events: Events) -> Events:
 
 
 def is_empty(events: Events) -> bool:
-    """Return whether there is nothing to write."""
+    """Return whether there is nothing to write: no events and, in a `Piece`, no other data."""
     return events.is_empty if isinstance(events, Piece) else len(events) == 0
 
 

@@ -73,8 +73,8 @@ class _View(Recording):
 class Slice(_View):
     """The events of a recording with start <= t < stop.
 
-    `span` is the intersection of the window and the recording's span. The first event may be later, and the last one
-    earlier.
+    `span` is the intersection of the window and the recording's span. The slice's first event may be later than the
+    beginning of `span`, and its last event earlier than the end.
 
     Args:
         whole: The recording.
@@ -196,7 +196,7 @@ class Scaled(_View):
         # rounded up to the first time of the file that isn't before the bound
         events = self.whole.read(*(None if bound is None else -(-bound // self.unit) for bound in (start, stop)))
         columns, end = events.columns._replace(t=events.t * self.unit), events.stated_end
-        # the bounds are finer than the file's unit
+        # the given bounds in µs are kept, because the file's unit is coarser
         begin = events.start * self.unit if start is None else None
         bounds = bounds_of(start, stop, begin, None if end is None else end * self.unit)
         return Events.trusted(columns, events.sensor_size, *bounds)

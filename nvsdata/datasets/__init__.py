@@ -1,6 +1,6 @@
 """Datasets of event recordings, torchvision-style.
 
-`docs/extending.md` shows how to add one.
+`docs/extending.md` shows how to add a dataset.
 """
 
 from __future__ import annotations

@@ -27,13 +27,14 @@ class RecordingPair(NamedTuple):
 
 
 class ASLANDVS(BottomOriginDataset):
-    """ASLAN-DVS (Bi et al. 2020): pairs of recordings of the same action or of two, DAVIS240C, 240x180.
+    """ASLAN-DVS (Bi et al. 2020): pairs of recordings of the same or of different actions, DAVIS240C, 240x180.
 
     `dataset[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of
-    ASLAN's View 2, ten subsets of 300 same and 300 different pairs. They are read from `View2.mat` (its variable
-    `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from `aslan_pairs.csv` (columns fold,
-    video_a, video_b, same) below `root`. A video is identified by the number at the end of the recording's name, or by
-    that name. Pairs with a missing recording are left out; `missing` lists the missing videos.
+    ASLAN's View 2: ten subsets, each of 300 pairs of the same action and 300 of different actions. They are read from
+    `View2.mat` (its variable `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from
+    `aslan_pairs.csv` (columns fold, video_a, video_b, same) below `root`. A video is identified by its recording's
+    name, or by the number at the end of that name. Pairs with a missing recording are left out; `missing` lists the
+    missing videos.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.

@@ -28,8 +28,8 @@ class EventDataset(Samples):
     named after a class (in any case, with or without underscores).
 
     `dataset[i]` is `(sample, target)`. Without a `transform` the sample is the recording's `Events`. A transform gets
-    the undecoded `Recording`, so that a window transform in the first place decodes only its window; every transform
-    of nvsdata that takes events takes either. `dataset[:10]` and `dataset.subset(...)` are datasets, and
+    the undecoded `Recording`, so that a pipeline that begins with a window decodes only the window; every transform of
+    nvsdata that takes `Events` also takes a `Recording`. `dataset[:10]` and `dataset.subset(...)` are datasets, and
     `dataset.split(0.9)` returns two. Subclasses define `info` and how to split.
 
     Args:
@@ -111,7 +111,7 @@ class EventDataset(Samples):
 
     @classmethod
     def complete(cls, root: str | os.PathLike[str]) -> Self:
-        """Return the complete dataset: every split, and what its options leave out by default."""
+        """Return the dataset with the samples of all splits, and with those that its options exclude by default."""
         return cls(root, "all")
 
     def _source(self) -> Source:
@@ -126,12 +126,12 @@ class EventDataset(Samples):
             # a store of one split doesn't contain the others
             if store.split != "all" and (store.split, store.fold) != (self.split_name, self.fold):
                 which = f"split {store.split!r}, fold {store.fold}"
-                raise ValueError(f"{self.root} was packed from {which} only: pack split='all' for all others")
+                raise ValueError(f"{self.root} was packed from {which} only: pack split='all' to use other splits")
             return store
         raise FileNotFoundError(f"{self.root} is not a folder; {self._how_to_get()}")
 
     def _nothing(self, missing: str) -> str:
-        """Return the error message for a root in which something isn't found."""
+        """Return the error message that `missing` isn't below the root, with what is there and how to get the data."""
         names = {plain_name(name) for name in (*self.info.classes, *self.aliases, "train", "test")}
         hint = nothing_below(self.root, self.listing, self.info.tree, names)
         return f"{missing} below {self.root}; {hint}; {self._how_to_get()}"
@@ -140,7 +140,7 @@ class EventDataset(Samples):
         return list(self.info.classes)
 
     def _split_of(self, split: str | None, train: bool | None) -> str:
-        """Return the split's name: the first of `splits` if neither is given."""
+        """Return the split's name; if neither argument is given, the first of `splits`."""
         if train not in (None, True, False):
             raise ValueError(f"train must be True, False or None, not {train!r}")
         named = None if train is None else "train" if train else "test"
@@ -152,14 +152,14 @@ class EventDataset(Samples):
         return split
 
     def _check_fold(self, fold: int | None) -> int:
-        """Return the fold to use; ValueError for one that doesn't exist. This base class has a single split."""
+        """Return the fold to use; ValueError for a fold that doesn't exist. This base class has a single split."""
         if fold is not None:
             raise ValueError(f"{type(self).__name__} has one split only: fold must be None, not {fold}")
         return 0
 
     @cached_property
     def listing(self) -> dict[str, list[str]]:
-        """All files below the root: folder to sorted names."""
+        """All files below the root: folder to sorted file names."""
         return self.source.listing()
 
     def found(self) -> list[Sample]:
@@ -170,7 +170,7 @@ class EventDataset(Samples):
             if label is None:
                 continue
             files = recordings_in({folder: names})
-            # _make because it is faster, and there may be 100,000
+            # `_make` is faster than `Sample(...)`, and there may be 100,000 samples
             fields = zip(files, repeat(label), repeat(None), repeat(None))
             by_label.setdefault(label, []).append(list(map(Sample._make, fields)))
         found: list[Sample] = []
@@ -195,7 +195,7 @@ class EventDataset(Samples):
         return names | {plain_name(other): self.class_to_idx[name] for other, name in self.aliases.items()}
 
     def _label_of(self, folder: str) -> int | None:
-        """Return the label of the recordings in a folder: the nearest folder that is named after a class gives it."""
+        """Return the label of a folder's recordings, by the nearest folder named after a class; None if none is."""
         for part in reversed(folder.split("/")):
             label = self._labels.get(plain_name(part))
             if label is not None:
@@ -203,7 +203,7 @@ class EventDataset(Samples):
         return None
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        """Return the samples of the split: here, those below a folder whose name contains the split's name."""
+        """Return the samples of the split: by default, those below a folder whose name contains the split's name."""
         if self.split_name == "all":
             return found
         inside = {folder for folder in self.listing if self.part_of(folder) == self.split_name}
@@ -213,7 +213,7 @@ class EventDataset(Samples):
         return chosen
 
     def _usable(self, samples: Iterable[Any]) -> Iterable[Any]:
-        """Return the samples without those that a store left out; the split was made with them."""
+        """Return the samples without those that a store left out; called after the split, which they would change."""
         left_out = self.source.left_out
         if not left_out:
             return samples
@@ -232,16 +232,16 @@ class EventDataset(Samples):
         return None
 
     def total(self) -> tuple[int, int, str]:
-        """Return the number of samples of all splits, the expected number, and the word for such samples."""
+        """Return the number of samples of all splits, the expected number, and the plural noun for such samples."""
         return len(self.found()), self.info.recordings, "recordings"
 
     def split_lists(self) -> dict[str, list[str]]:
-        """Return the split lists below the root: name of the list to the recordings in it, without extension."""
+        """Return the files below the root that list a split: file name to names of recordings, without extension."""
         return {}
 
     @property
     def packed_split(self) -> str:
-        """The split that `recording_names` belong to."""
+        """The split to which the recordings of `recording_names` belong."""
         return self.split_name
 
     @property
@@ -266,11 +266,11 @@ class EventDataset(Samples):
         return found if sample.events is None else EventRange(found, *sample.events)
 
     def open_recording(self, name: str) -> Recording:
-        """Return a recording by its path below the root, opened but not decoded, as users see it."""
+        """Return a recording by its path below the root, opened but not decoded, with the conversions of `_view`."""
         return self._view(self.source.open(name, self.opened_with, strict=self.errors != "repair"))
 
     def _view(self, recording: Recording) -> Recording:
-        """Return the recording as users see it; subclasses change coordinates or times here."""
+        """Return the recording unchanged; subclasses convert the dataset's coordinates or times here."""
         return recording
 
     def _how_to_get(self) -> str:

@@ -1,4 +1,4 @@
-"""Damaged recordings in a dataset: replacement and count."""
+"""Damaged recordings in a dataset: they are counted, and replaced by others."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from nvsdata.common.errors import FormatError, shown
 from nvsdata.common.memory import SharedArray
 
 ERRORS = ("raise", "skip", "repair")
-MAX_UNREADABLE = 100  # recordings in a row that may be unreadable: with more, the disk is damaged, not the files
+MAX_UNREADABLE = 100  # recordings in a row; if all are unreadable, the disk is probably damaged, not the files
 REPLACED, REPAIRED = 1, 2
 UNREADABLE = (FormatError, OSError)
-OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the machine is out of files or memory: no recording is damaged
+OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # no file descriptors or memory left: no recording is damaged
 
 
 class Damage:
-    """Damaged samples that all workers of a loader have found."""
+    """Record of the damaged samples among `count`, shared by all workers of a loader."""
 
     def __init__(self, count: int) -> None:
         self._shared = SharedArray(count, np.uint8)
@@ -32,15 +32,16 @@ class Damage:
         return dict(zip(indices.tolist(), marks[indices].tolist(), strict=True))
 
     def mark(self, index: int, what: int, message: str) -> None:
-        """Count a sample; warn about it the first time."""
+        """Record that a sample is `what`, `REPLACED` or `REPAIRED`; the first time, warn with `message`."""
         if not self._shared.values[index]:
             warnings.warn(shown(message), stacklevel=2)
         self._shared.values[index] = what
 
     def first_readable(self, index: int, make: Callable[[int], Any]) -> Any:
-        """Return `make` of `index` or, if that can't be read, of the next readable index; the first follows the last.
+        """Return `make(index)` or, if that recording can't be read, `make` of the next index whose recording can.
 
-        Raises the first error if `MAX_UNREADABLE` in a row can't be read, or none can.
+        After the last index comes the first. Raises the first error if `MAX_UNREADABLE` recordings in a row, or all
+        of them, can't be read.
         """
         count = len(self._shared.values)
         first: Exception | None = None

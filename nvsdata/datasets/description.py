@@ -1,4 +1,4 @@
-"""Descriptions of datasets: a sample's shape, the view in a notebook, the error if no recordings are found."""
+"""Descriptions of datasets: shape of a sample, view in a notebook, error message if no recordings are found."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ MOST_FOLDERS = 5  # named in a message
 
 
 def plain_name(name: str) -> str:
-    """Return a name without case, spaces and punctuation, by which class folders are recognized."""
+    """Return a name in lower case without spaces and punctuation, by which class folders are recognized."""
     return "".join(c for c in name.lower() if c.isalnum())
 
 
 def nothing_below(root: Path, listing: Listing, tree: str, names: Collection[str]) -> str:
-    """Return a message with the tree expected below `root`, and the one found.
+    """Return a message with the tree of folders that was expected below `root`, and the tree that was found.
 
     Args:
         root: the folder in which no recordings were found.
@@ -59,7 +59,7 @@ def _summary(listing: Listing) -> str:
 
 
 def shape_made_by(make: Callable[[], Any]) -> str:
-    """Return the shape of a sample that is made for this purpose; the state of all random generators is restored."""
+    """Make a sample, and return its shape as text; afterwards, the state of all random generators is restored."""
     states = torch.get_rng_state(), np.random.get_state(), random.getstate()  # noqa: NPY002
     try:
         return _shape(make())
@@ -83,7 +83,7 @@ def _shape(sample: Any) -> str:
 
 
 def notebook_view(dataset: Any) -> str:
-    """Return HTML with a dataset's repr and an image of a recording of each of the first classes, if it can be read."""
+    """Return HTML with a dataset's repr and, for each of the first classes, an image of a recording."""
     # OpenCV is imported for images only
     from nvsdata.plots.gallery import ClassSummary, image_tags
 

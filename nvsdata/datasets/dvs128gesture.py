@@ -38,8 +38,8 @@ class DVS128Gesture(EventDataset):
     """DVS128 Gesture (Amir et al. 2017): 11 gestures of 29 people in 5 lightings, a DVS128.
 
     122 trials, `user<NN>_<lighting>.aedat` with `user<NN>_<lighting>_labels.csv`. A sample is a labeled slice of a
-    trial; only the packets of the slice are read. A label that ends after the next one begins (user22_led has one)
-    is cut there.
+    trial; only the packets of the slice are read. A label that ends after the next label begins (there is one in
+    user22_led) is cut at that beginning.
 
     The preprocessed release (figshare files 38022171 and 38020584: 1,341 gestures,
     `user<NN>_<lighting>/<class>.npy`, times in whole ms) is read, too.
@@ -118,7 +118,7 @@ class DVS128Gesture(EventDataset):
         return {name: listed for name in names if (listed := self._trials_in(name))}
 
     def _trials_in(self, name: str) -> list[str] | None:
-        """Return the trials in a list; None if there is no such list."""
+        """Return the trials in the list `name`, without extension; None if there is no such list."""
         listed = self._side_file(name)
         if listed is None:
             return None
@@ -157,7 +157,7 @@ def _trial(sample: Sample) -> re.Match[str]:
 
 
 def _gestures(name: str, labels: str) -> Iterator[tuple[int, tuple[int, int]]]:
-    """Yield label (from 0) and (start, end) of each row; an end after the next start is cut there."""
+    """Yield label (from 0) and (start, end) in µs of each row; an end after the next row's start is set to that."""
     rows = list(csv.DictReader(io.StringIO(labels)))
     try:
         table = sorted((int(r["startTime_usec"]), int(r["endTime_usec"]), int(r["class"]) - 1) for r in rows)

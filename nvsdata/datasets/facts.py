@@ -43,13 +43,13 @@ class Archive:
     """A file to download.
 
     Args:
-        name: of the file.
+        name: name of the file.
         hash: md5 or sha256; empty if unknown.
         urls: addresses, tried in order; empty if a browser is needed, or the file is part of another archive.
-        folder: where it is unpacked, below the root.
+        folder: folder below the root into which it is unpacked.
         size: bytes; 0 if unknown.
         within: an archive that contains this one, downloaded if none of the `urls` works.
-        optional: whether the dataset is of use without it.
+        optional: whether the dataset can be used without it.
     """
 
     name: str
@@ -68,7 +68,7 @@ class ExpectedCount:
     Args:
         label: name of the class; "" for all classes together.
         count: number of recordings.
-        part: such as "train"; "" if there are no parts.
+        part: part of the dataset, such as "train"; "" if there are no parts.
         stem: pattern of their names without extension, such as "mnist_3_scale04_{:04d}"; "" if unknown.
         numbers: numbers that fill in the pattern.
     """
@@ -86,7 +86,7 @@ class ExpectedCount:
 
 
 def expected_names(label: str, stem: str, numbers: range, part: str = "") -> ExpectedCount:
-    """Return the expected count of a class all of whose names are known."""
+    """Return the expected count of a class whose recordings have the names `stem.format(number)`."""
     return ExpectedCount(label, len(numbers), part, stem, numbers)
 
 
@@ -101,7 +101,7 @@ class Info:
         page: address of the dataset's page.
         license: as stated or reported.
         archives: files to download.
-        recordings: their number; 0 if unknown.
+        recordings: number of recordings; 0 if unknown.
         expected_counts: number of recordings of each class; empty if unknown.
         known_from: source of these counts, and sources that disagree.
         tree: layout below the root as distributed.
@@ -120,5 +120,5 @@ class Info:
 
     @property
     def by_program(self) -> bool:
-        """True if a program can download it, without a browser."""
+        """True if a program can download the dataset, without a browser."""
         return any(archive.urls for archive in self.archives)

@@ -22,8 +22,9 @@ class EventFolder(EventDataset):
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.
-        split: "train" and "test" take the class folders of `root/train` and `root/test`, in upper or lower case; "all"
-            (default) takes those of `root` itself, or of both parts if all recordings are below these.
+        split: "train" and "test" take the class folders in `root/train` and `root/test`, in upper or lower case. "all"
+            (default) takes the class folders in `root` itself or, if all recordings are below `root/train` and
+            `root/test`, the class folders in both.
         transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
         target_transform: applied to the target, an int.
         download: whether to download what is missing below `root` first.
@@ -92,7 +93,7 @@ class EventFolder(EventDataset):
 
     @cached_property
     def _first_size(self) -> tuple[int, int]:
-        """Sensor size of the first recording or, if damaged ones are tolerated, of the first that can be read."""
+        """Sensor size of the first recording or, if `errors` isn't "raise", of the first that can be read."""
         if self._size is not None:
             return self._size
         if self._damage is None:
@@ -138,7 +139,7 @@ class EventFolder(EventDataset):
         return [name + "/" for name in self._parts.values()]
 
     def _classes(self) -> list[str]:
-        # of all parts, because a class missing in one part would shift the labels
+        # the classes of all parts, because a class missing in one part would shift the labels
         homes = {*self._homes, *(name + "/" for name in self._parts.values())} - {""} or {""}
         names = {
             folder[len(home) :].split("/")[0] for home in homes for folder in self.listing if folder.startswith(home)
@@ -160,7 +161,7 @@ class EventFolder(EventDataset):
         return found
 
     def recording_names(self) -> list[str]:
-        # of all splits
+        # the recordings of all splits, which a store contains
         return [name for name in recordings_in(self.listing) if "/" in name]
 
     def _how_to_get(self) -> str:

@@ -23,7 +23,7 @@ PARTS = {"train": "1", "test": "2"}
 
 @cache
 def official() -> dict[str, dict[str, str]]:
-    """Return HMDB51's splits: by class and video a digit per split, such as "120" (1: train, 2: test, 0: neither)."""
+    """Return HMDB51's three splits: class to video to a digit per split, as "120" (1 train, 2 test, 0 neither)."""
     found: dict[str, dict[str, str]] = {}
     for line in gzip.decompress(SHIPPED.read_bytes()).decode().splitlines():
         if line.endswith(":"):
@@ -106,7 +106,7 @@ class HMDB51DVS(BottomOriginDataset):
         return {name: stems for name, stems in found.items() if stems}
 
     def _listed_in(self, name: str) -> Iterator[tuple[str, str]]:
-        """Yield name without extension, and part, of each video in a list."""
+        """Yield the name, without extension, and the part ("1" is train, "2" is test) of each video in a list."""
         for line in (self._side_file(name) or "").splitlines():
             video, _, part = line.strip().rpartition(" ")
             yield video.strip().rsplit(".", 1)[0], part

@@ -30,8 +30,8 @@ class Samples(Dataset[tuple[Any, Any]]):
     DataLoader workers. `set_epoch` sets the epoch; without it, passes over the data are counted. The count is exact for
     workers that aren't persistent and return no sample twice in a pass. With persistent workers or without workers, a
     new pass is recognized by the first sample that is read again: the count is exact for complete passes. Call
-    `set_epoch` if you stop passes early there, read single samples (`dataset[0]` counts as a pass that was stopped
-    early), restart a training, or use a sampler that repeats samples.
+    `set_epoch` if you stop passes early in these two cases, read single samples (`dataset[0]` counts as a pass that was
+    stopped early), restart a training, or use a sampler that repeats samples.
 
     `errors` says what to do with damaged recordings. "raise" raises FormatError, or OSError if the disk fails. "skip"
     replaces a recording that can't be read by the next readable one, with its target. Recordings are sorted by class,
@@ -44,7 +44,7 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     samples: list[Any]
     classes: list[str]
-    transforms: PairTransform | None = None  # in place of the other two
+    transforms: PairTransform | None = None  # in place of `transform` and `target_transform`
     independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on the samples
 
     def _set(
@@ -55,7 +55,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         seed: int | None,
         errors: str,
     ) -> None:
-        """Set how samples are made; ValueError or TypeError for invalid settings."""
+        """Set the transforms, the seed and the treatment of damage; ValueError or TypeError for invalid settings."""
         check_choice("errors", errors, ERRORS)
         for name, given in (("transform", transform), ("target_transform", target_transform)):
             if given is not None and not callable(given):
@@ -63,12 +63,12 @@ class Samples(Dataset[tuple[Any, Any]]):
         if transforms is not None and not callable(transforms):
             raise TypeError(f"transforms must be callable, not {transforms!r}")
         if transforms is not None and (transform is not None or target_transform is not None):
-            raise ValueError("transforms takes the place of transform and target_transform: give it, or them")
+            raise ValueError("transforms takes the place of transform and target_transform: give either it or them")
         self.transform, self.target_transform, self.transforms = transform, target_transform, transforms
         self.seed, self.errors = seed, errors
 
     def _count(self) -> None:
-        """Set what depends on the number of samples."""
+        """Set the attributes that depend on the samples: targets, record of damage, epochs."""
         self.targets = [sample.label for sample in self.samples]
         self._damage = None if self.errors == "raise" else Damage(len(self.samples))
         self._epochs = None if self.seed is None else Epochs(len(self.samples))
@@ -78,7 +78,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         part = copy(self)
         part.samples = [self.samples[index] for index in indices]
         for name in list(vars(part)):
-            # computed from the samples
+            # cached values that were computed from all samples
             if isinstance(getattr(type(self), name, None), cached_property) and name not in self.independent:
                 del vars(part)[name]
         part._count()
@@ -106,24 +106,24 @@ class Samples(Dataset[tuple[Any, Any]]):
         return self._halves(lambda files: stratified(files, 1 - fraction, seed))
 
     def hold_out(self, fraction: float) -> tuple[Self, Self]:
-        """Hold out about a fraction of each class for validation, independently of all other recordings.
+        """Hold out about a fraction of each class for validation, each file independently of all other files.
 
-        A hash of class and file name decides about each file, so files that are added or removed later move no other
-        one. All windows and labeled parts of one class and one file are in the same dataset.
+        A hash of class and file name decides about each file, so adding or removing files later moves no other file.
+        All windows and labeled parts of one class and one file are in the same dataset.
 
         Args:
             fraction: approximate fraction to hold out, between 0 and 1.
 
         Returns:
-            The rest, and the dataset held out.
+            The dataset of the remaining samples, and the dataset held out.
 
         Raises:
-            ValueError: unless 0 < fraction < 1, or if a class would be left without recordings in either.
+            ValueError: unless 0 < fraction < 1, or if one of the two datasets would have no recordings of a class.
         """
         return self._halves(lambda files: held_out(files, fraction))
 
     def _halves(self, split: Callable[[list[tuple[str, str]]], tuple[list[int], list[int]]]) -> tuple[Self, Self]:
-        """Split by file, given by class and by name without folder and extension."""
+        """Split into two datasets by file; `split` gets the (class, name without folder and extension) of all files."""
         groups: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):
             files = " ".join(name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in self._files(sample))
@@ -141,8 +141,8 @@ class Samples(Dataset[tuple[Any, Any]]):
     def class_weights(self) -> torch.Tensor:
         """Weight of each class, float32 [classes]: inverse to its number of samples, 0 without any.
 
-        The mean weight of a sample is 1. For `CrossEntropyLoss(weight=...)`; with
-        `WeightedRandomSampler(ds.class_weights[ds.targets], len(ds))` all classes are equally frequent.
+        The mean weight of a sample is 1. Pass the weights to `CrossEntropyLoss(weight=...)`, or sample all classes
+        equally often by `WeightedRandomSampler(ds.class_weights[ds.targets], len(ds))`.
         """
         counts = torch.tensor(self.class_counts, dtype=torch.float32)
         return torch.where(counts > 0, len(self) / (counts.clamp(min=1) * (counts > 0).sum()), 0.0)
@@ -164,7 +164,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         return (self.recording(index),)
 
     def combine(self, parts: Sequence[Any]) -> Any:
-        """Return the sample, given its transformed recordings."""
+        """Return the sample made of its transformed recordings `parts`."""
         return parts[0]
 
     def _files(self, sample: Any) -> tuple[str, ...]:
@@ -242,7 +242,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         return label if self.target_transform is None else self.target_transform(label)
 
     def note_repairs(self, index: int, recordings: Sequence[Recording]) -> bool:
-        """Count the sample as damaged if its recordings were repaired during reading; return whether they were."""
+        """Record the sample as damaged if its recordings were repaired during reading; return whether they were."""
         repaired = any(recording.repairs for recording in recordings)
         if self._damage is not None and repaired:
             self._damage.mark(index, REPAIRED, f"{self._files(self.samples[index])[0]}: {_repairs(recordings)}")
@@ -276,7 +276,7 @@ class Samples(Dataset[tuple[Any, Any]]):
 
 
 def check_choice(name: str, given: Any, choices: Sequence[str]) -> None:
-    """Raise ValueError unless `given` is one of the choices, TypeError if it is a transform."""
+    """Raise ValueError unless `given` is one of the choices; TypeError if it is a transform, passed by mistake."""
     if callable(given):
         raise TypeError(f"{name} must be {', '.join(map(repr, choices))}; pass transform={given!r} by keyword")
     if given not in choices:

@@ -77,7 +77,7 @@ class MNISTDVS(EventDataset):
         known_from="the files of digit 0 and a public reader's list of the others",
         tree="grabbed_data<digit>/scale<4, 8 or 16>/mnist_<digit>_scale<04, 08 or 16>_<id>.aedat",
     )
-    # scale folders are below those of the digits and aren't digits themselves
+    # names of the digits' folders; the folders of the scales, such as "scale4", are below them and name no class
     aliases: ClassVar[dict[str, str]] = {f"grabbed_data{d}": str(d) for d in range(10)} | {
         f"processed_data{d}": str(d) for d in range(10)
     }

@@ -34,7 +34,7 @@ class NMNIST(EventDataset):
     """N-MNIST (Orchard et al. 2015): MNIST's digits, recorded by an ATIS in three saccades, 34x34 pixels.
 
     60,000 recordings for training and 10,000 for testing, about 4,100 events over 300 ms each, in
-    `Train/<digit>/<id>.bin` and `Test/<digit>/<id>.bin` below `root`. The polarity bit is that of the file.
+    `Train/<digit>/<id>.bin` and `Test/<digit>/<id>.bin` below `root`. The polarity is the file's bit, unchanged.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.
@@ -137,13 +137,13 @@ def stabilize(events: Events) -> Events:
     In the first 105 ms the digit moves by (3.5, 7) pixels, in the next 105 ms by (3.5, -7), then by (-7, 0).
 
     Args:
-        events: with the times of the file.
+        events: events of a recording, with the times of its file.
 
     Returns:
         The moved events, without those that leave the sensor.
     """
     one, two, three = (np.clip(events.t - k * SACCADE_US, 0, SACCADE_US) / SACCADE_US for k in range(3))
-    # the authors count pixels from 1 and round; counting from 0 doesn't change x
+    # the authors count pixels from 1 before they round; counting from 0 doesn't change x
     x = np.rint(events.x - 3.5 * one - 3.5 * two + 7 * three)
     y = np.rint(events.y - 7 * one + 7 * two)
     width, height = events.sensor_size

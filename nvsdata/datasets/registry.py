@@ -27,7 +27,7 @@ def register_dataset(kind: Kind) -> Kind:
 
     Raises:
         ValueError: another dataset has that name, or a similar one.
-        TypeError: anything but a subclass of EventDataset with an `info`.
+        TypeError: `kind` isn't a subclass of EventDataset with an `info`.
 
     Example:
         >>> from nvsdata.datasets import EventDataset, dataset_named, register_dataset

@@ -13,7 +13,7 @@ from torch.utils.data import Dataset, Sampler, get_worker_info
 from nvsdata.common.memory import SharedArray
 
 Key = tuple[int, int]
-"""Epoch and index of a sample: `SeededBatches` yields it, `SeededDataset` takes it."""
+"""Epoch and index of a sample: the index that `SeededBatches` yields and `SeededDataset` takes."""
 
 PASSES = 64  # number of passes whose epochs are stored, for loaders that are read at the same time
 STEP, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # odd numbers with well-mixed bits
@@ -47,8 +47,8 @@ class Epochs:
     """Epochs of the samples that a dataset returns, set by the user or counted; shared by all workers of a loader.
 
     Each pass over the data is an epoch. A worker recognizes a new pass by the base seed of the loader's iterator.
-    Persistent workers keep that seed, and the main process has none: there, an epoch begins with the first sample that
-    is read a second time.
+    Persistent workers keep that seed, and the main process has none. In both, an epoch begins with the first sample
+    that is read a second time.
 
     Args:
         count: number of samples.
@@ -57,7 +57,7 @@ class Epochs:
     def __init__(self, count: int) -> None:
         # of each sample: 1 + the epoch in which it was last read
         self._given = SharedArray(count, np.int64)
-        # 1 + the epoch that was set, number of epochs begun; then base seed and epoch of the last passes
+        # 1 + the epoch that was set, 0 if none was; number of epochs begun; then base seed and epoch of the last passes
         self._state = SharedArray(2 + 2 * PASSES, np.int64)
 
     def set(self, epoch: int) -> None:
@@ -92,7 +92,7 @@ class SeededDataset(Dataset[Any]):
 
     Args:
         dataset: any dataset with a length.
-        seed: of the run.
+        seed: seed of the run.
 
     Example:
         >>> from torch.utils.data import DataLoader
@@ -127,7 +127,7 @@ class SeededBatches(Sampler[list[Key]]):
         first: first epoch.
         last: the epoch after the last one.
         shuffle: whether each epoch has its own random order.
-        seed: of the random orders.
+        seed: seed of the random orders.
         part: (rank, count) of this process among `count` processes that divide each batch, in order of rank. A process
             without samples in a last batch skips that batch.
 

@@ -1,4 +1,4 @@
-"""Sources of a dataset's files: the protocol, and folders, whose listing is stored in an index."""
+"""Sources of a dataset's files: the protocol `Source`, and `Folder`, which stores its listing in an index."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from nvsdata.common.files import atomic, crc32, read_own, sweep
 from nvsdata.data.recording import Recording
 
 INDEX, VERSION = ".nvsdata-index.json", 2
-MOST_BYTES = 1 << 28  # of an index: of two million files
-COMPARED = 3  # folders of an index that are compared with the disk
-MANY_FILES = 2_000  # number from which an index is written
-SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before its listing may change again with the same time
+MOST_BYTES = 1 << 28  # largest index that is read, for about two million files
+COMPARED = 3  # random folders of an index that are compared with the disk
+MANY_FILES = 2_000  # number of files from which an index is written
+SETTLED_NS = 2_000_000_000  # a folder that changed more recently may change again without a new modification time
 CACHE_TAG = "CACHEDIR.TAG"  # marks folders of caches, by a convention of backup programs
 DEEPEST = 8  # levels of folders, in case links form a cycle
 
@@ -28,7 +28,7 @@ Listing = dict[str, list[str]]
 
 
 def path_below(folder: str, name: str) -> str:
-    """Return the path of a listed file below the root."""
+    """Return the path below the root of the file `name` in a listed `folder`."""
     return name if folder == "." else f"{folder}/{name}"
 
 
@@ -44,11 +44,11 @@ class Source(Protocol):
     """A source of files: a folder or a packed store. Names are paths relative to the root, with slashes."""
 
     root: Path
-    split: str  # split to which its recordings belong
+    split: str  # split to which the recordings belong
     left_out: dict[str, str]  # recordings that are listed but not available, name to reason
 
     def listing(self) -> Listing:
-        """Return all files except hidden ones, and folders without files."""
+        """Return all folders, including those without files, and their files, except hidden ones."""
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
         """Return a recording; unless `strict`, a partly damaged one is read without the damaged part."""
@@ -66,7 +66,7 @@ class Source(Protocol):
         """Return numbers that change when the recording changes."""
 
     def settled(self, name: str, at: int) -> bool:
-        """Return whether the stamp of a recording certainly belongs to what was read at time `at` (ns since 1970)."""
+        """Return whether a recording's stamp certainly belongs to the content read at the time `at` (ns since 1970)."""
 
 
 def save_facts(path: Path, content: dict[str, Any]) -> None:
@@ -78,7 +78,7 @@ def save_facts(path: Path, content: dict[str, Any]) -> None:
 
 
 def load_facts(path: Path) -> dict[str, Any]:
-    """Return the facts of `save_facts`; empty if the file is missing, of another version, or was changed."""
+    """Return the facts that `save_facts` wrote; empty if the file is missing, of another version, or was changed."""
     try:
         head, _, text = read_own(path, MOST_BYTES).partition(b"\n")
         content = json.loads(text) if json.loads(head) == [VERSION, crc32(text)] else {}
@@ -88,7 +88,7 @@ def load_facts(path: Path) -> dict[str, Any]:
 
 
 def _entered(folder: str, folders: list[str]) -> list[str]:
-    """Return the subfolders of a folder that are listed."""
+    """Return the subfolders `folders` of a folder that belong in a listing: not hidden, and not too deep."""
     return [f for f in folders if not f.startswith((".", "__"))] if folder.count("/") < DEEPEST else []
 
 
@@ -97,14 +97,14 @@ def _visible(names: Iterable[str]) -> list[str]:
 
 
 def _is_listed(folder: str, names: list[str]) -> bool:
-    """Return whether an entry of an index names a folder below the root, and files in it."""
+    """Return whether an entry of an index is valid: its folder is below the root, and its files are in the folder."""
     parts = [] if folder == "." else folder.split("/")
-    # one dot and two dots lead to other folders
+    # the names . and .. lead to other folders
     return all(part.strip(".") and not {"/", os.sep, "\0"} & set(part) for part in (*parts, *names))
 
 
 class Folder:
-    """Files below a folder."""
+    """A `Source` of the files below a folder."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -140,7 +140,7 @@ class Folder:
             if not (times.keys() == files.keys() and "." in files and all(map(_is_listed, files, files.values()))):
                 return None
             for folder, changed in times.items():
-                # writing the index itself changes the root after it was listed
+                # a folder that changed shortly before it was listed may have changed again since, with the same time
                 now = os.stat(self.root / folder).st_mtime_ns
                 if now != changed or now > index["made"] - SETTLED_NS:
                     return None
@@ -191,5 +191,5 @@ class Folder:
         return status.st_size, status.st_mtime_ns
 
     def settled(self, name: str, at: int) -> bool:
-        """Return whether the file wasn't changed around `at`: if it was, it may change again with the same time."""
+        """Return whether the file wasn't changed around `at`; otherwise it may change again without a new time."""
         return abs(at - self.stamp(name)[1]) > SETTLED_NS

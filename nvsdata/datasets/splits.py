@@ -10,15 +10,15 @@ from hashlib import blake2b
 def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: int = 0) -> tuple[list[int], list[int]]:
     """Split recordings randomly into training and testing, with the same fraction of each class.
 
-    The names of a class are ranked by a hash of seed, class and name; the first of them, `test` times their number
-    (rounded), are for testing. So the order of `recordings` makes no difference, and adding or removing a recording
+    The names of a class are ranked by a hash of seed, class and name. The first `test` times their number (rounded)
+    are for testing. So the order of `recordings` makes no difference, and adding or removing a recording
     changes the split of at most one other recording, of the same class. Recordings with the same class and name are
     ranked in the given order.
 
     Args:
-        recordings: (class, name) of each.
+        recordings: (class, name) of each recording.
         test: fraction of each class for testing, between 0 and 1.
-        seed: of the random split.
+        seed: seed of the random split.
 
     Returns:
         Two sorted lists of indices: for training and for testing.
@@ -50,15 +50,15 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
 def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> tuple[list[int], list[int]]:
     """Hold out a fraction of the recordings for validation, by a hash of class and name.
 
-    Each recording is decided by its own hash, so adding or removing others changes nothing for it. The held-out
-    fraction is therefore only approximate: about `fraction` of each class.
+    The hash of a recording alone decides whether it is held out, so adding or removing others makes no difference to
+    it. The held-out fraction is therefore only approximate: about `fraction` of each class.
 
     Args:
-        recordings: (class, name) of each.
+        recordings: (class, name) of each recording.
         fraction: approximate fraction to hold out, between 0 and 1.
 
     Returns:
-        Two sorted lists of indices: the rest, and the recordings held out.
+        Two sorted lists of indices: of the remaining recordings, and of the recordings held out.
 
     Raises:
         ValueError: unless 0 < fraction < 1, or if a class would be left without recordings in either part.

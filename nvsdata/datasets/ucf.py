@@ -55,11 +55,12 @@ class _UCF(BottomOriginDataset):
 class UCF101DVS(_UCF):
     """UCF101-DVS (Bi et al. 2020): UCF101's videos on a monitor in front of a DAVIS240C, 240x180.
 
-    About 13,500 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.mat`. The splits are those of UCF101: `trainlist0<k>.txt`
-    and `testlist0<k>.txt` if they are below `root`, otherwise their rule: groups 7k - 6 to 7k are for testing.
+    About 13,500 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.mat`. The splits are those of UCF101, read from
+    `trainlist0<k>.txt` and `testlist0<k>.txt` if they are below `root`. Otherwise the rule of these lists is applied:
+    groups 7k - 6 to 7k are for testing.
     Recordings below 1 KB are empty; `skipped` lists them. `groups` has the group of each sample.
-    The .mat files are assumed to count y from the bottom of the sensor, as in ASL-DVS, and here it counts from the
-    top; public readers disagree on this.
+    The .mat files are assumed to count y from the bottom of the sensor, as in ASL-DVS, though public readers disagree
+    on this; here y counts from the top.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.
@@ -103,7 +104,7 @@ class UCF101DVS(_UCF):
             return found
         stems = self._stems_in(f"{self.split_name}list0{self.fold}.txt")
         if stems is None:
-            # the rule of the lists: seven groups are for testing; in the next split, the next seven
+            # the rule of UCF101's lists: each split has the next seven groups for testing
             held = range(7 * self.fold - 6, 7 * self.fold + 1)
             return self._held_out(found, lambda sample: group_of(sample) in held)
         return [sample for sample in found if sample.stem.lower() in stems]
@@ -113,7 +114,7 @@ class UCF101DVS(_UCF):
         return {name: list(stems) for name in names if (stems := self._stems_in(name))}
 
     def _stems_in(self, name: str) -> dict[str, None] | None:
-        """Return the names in a list, in lower case because their spelling varies; None if there is no such list."""
+        """Return the names in the list `name`, in lower case because case varies; None if there is no such list."""
         listed = self._side_file(name)
         if listed is None:
             return None
@@ -124,8 +125,8 @@ class UCF101DVS(_UCF):
 class UCF50DVS(_UCF):
     """UCF50-DVS (Hu et al. 2016): UCF50's videos on a monitor in front of a DAVIS240C, 240x180, AEDAT 2.
 
-    6,681 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.aedat`. Some file names spell the class differently from the
-    folder; the folder counts. `groups` has the group of each sample.
+    6,681 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.aedat`. If a file's name spells the class differently from its
+    folder, the folder decides. `groups` has the group of each sample.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.

@@ -27,19 +27,21 @@ KINDS = {"nvsdata-videos", "nvsdata-recordings"}  # first keys of the manifests 
 def problems(
     root: Path, dataset: type[EventDataset] | None = None, counts: Counter[str] | None = None
 ) -> Iterator[tuple[str, str]]:
-    """Yield name and fault of every damaged recording below `root`, or in a packed store, and of missing ones.
+    """Yield name and fault of every damaged or missing recording below `root`, or in a packed store.
 
-    Faults are: unreadable, empty, truncated, out of order in time, events outside the sensor, left out when it was
-    packed. Recordings that `convert-videos` or `record --monitor` made are compared with their manifests, by size and
-    sha256. Videos that failed or weren't reached, and recordings that are in no manifest, are faults, too.
+    A recording has a fault if it is unreadable, empty, truncated or out of order in time, has events outside the
+    sensor, or was left out of the store. Recordings that `convert-videos` or `record --monitor` made are compared with
+    their manifests, by size and sha256. Videos that failed or weren't reached, and recordings that are in no manifest,
+    are faults, too.
 
     For a known dataset, the recordings are compared with the expected ones: their number in each class and part, their
     names if known, and the lists of splits next to them.
 
     Args:
         root: a folder or a packed store.
-        dataset: class of the dataset, which finds the recordings and knows their sensor; a store names its own.
-        counts: counts the recordings that were "opened", and "compared" with a manifest.
+        dataset: class of the dataset, which finds the recordings and knows their sensor (default: the class that a
+            store names; for a folder, recordings of any dataset are read).
+        counts: gets the numbers of recordings that were "opened", and "compared" with a manifest.
 
     Raises:
         FileNotFoundError: `root` doesn't exist, or has no recordings.
@@ -99,7 +101,7 @@ def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]
         except (TypeError, ValueError, AttributeError, KeyError, OSError) as error:
             yield journals[0].path.relative_to(root).as_posix(), f"isn't a manifest, or damaged: {line_of(error)}"
     for name in _recordings(Folder(root), root) if by_folder else ():
-        # a folder in another one with a manifest was compared with its own manifest
+        # `known` has the recordings of all manifests, including those of subfolders
         if root / name not in known and not by_folder.keys().isdisjoint((root / name).parents):
             yield name, "is in no manifest of its folder"
 
@@ -200,7 +202,7 @@ def _part(dataset: EventDataset, name: str) -> str:
 
 
 class Found(NamedTuple):
-    """A recording that was found: its part ("" if there are none), its class, and its name without extension."""
+    """A recording that was found: part of the dataset ("" if it has no parts), class, and name without extension."""
 
     part: str
     label: str

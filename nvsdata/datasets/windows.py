@@ -33,8 +33,8 @@ def windows(dataset: Data, duration: int | None = None, *, events: int | None = 
     """Return the dataset with one sample per window of each recording, in order, instead of one per recording.
 
     The first window begins at the first event or, in a labeled part of a recording (DVS128 Gesture), at the part's
-    beginning. No window crosses the end; the last ones may be shorter. A window decodes only itself.
-    `samples[i].window` is its time in µs.
+    beginning. No window crosses the end; the last windows may be shorter. Reading a window decodes only that window.
+    `samples[i].window` is the window (start, stop) of sample i in µs.
 
     An index `.nvsdata-windows-....json` is kept in the root, if it is a folder that can be written to. It contains the
     modification time, beginning and end of each recording and, for windows of `events`, the beginning of each window,
@@ -100,14 +100,14 @@ def _in_events(sample: Sample, places: Places, count: int, step: int) -> Iterato
     begins, end = places
     last = len(begins)
     for number, (start, before) in enumerate(begins):
-        # all of the window's events come before the first window after it begins, or in the same µs
+        # window `after` is the first that begins after this window's last event, or in the same µs
         after = number - (-count // step)
         stop = begins[after][0] + 1 if after < last else end
         yield sample._replace(window=(start, stop), events=(before, count))
 
 
 class _Index:
-    """Beginnings of the windows in each recording, stored in a file for the next time."""
+    """Beginnings of the windows in each recording, stored in a file that later calls of `windows` read."""
 
     def __init__(self, dataset: EventDataset, step: int | None) -> None:
         self.dataset, self.step, self.changed = dataset, step, False
@@ -139,7 +139,7 @@ class _Index:
         return ([], 0) if empty else ([(first, 0)], last + 1)
 
     def _read(self) -> dict[str, Any]:
-        """Return the stored entries; none if they are damaged, or wrong for some of the recordings."""
+        """Return the stored entries; {} if they are damaged, or wrong for one of `COMPARED` random recordings."""
         known = load_facts(self.path)
         if not all(map(_is_place, known.values())):
             return {}
@@ -156,13 +156,13 @@ class _Index:
         """Write the entries to the file, if possible."""
         if not self.changed or not self.path.parent.is_dir():
             return
-        # in a folder that can't be written to, recordings are searched each time
+        # if the folder can't be written to, the beginnings are searched each time
         with suppress(OSError):
             save_facts(self.path, self.known)
 
 
 def _is_place(entry: Any) -> bool:
-    """Return whether an entry of an index lists windows: in order, with possible times."""
+    """Return whether an entry of an index is valid: windows in order of time, with possible times."""
     try:
         numbers = [entry["end"], *entry["stamp"], *(number for begin in entry["begins"] for number in begin)]
         times = [begin for begin, before in entry["begins"] if before >= 0]
@@ -174,7 +174,7 @@ def _is_place(entry: Any) -> bool:
 
 
 def _every(recording: Recording, step: int) -> Places:
-    """Return the place of every `step`-th event, and the end."""
+    """Return the places (see `Places`) of windows that begin at every `step`-th event."""
     t = recording.read().t
     if not t.size:
         return [], 0

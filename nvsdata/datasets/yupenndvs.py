@@ -40,7 +40,7 @@ class YUPENNDVS(BottomOriginDataset):
         transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
         target_transform: applied to the target, an int.
         download: whether to download what is missing below `root` first.
-        fold: index of that recording among all (default 0).
+        fold: index of the recording for testing among all recordings (default 0).
         train: True for split="train", False for split="test", as in torchvision.
         transforms: a function of recording and target that returns both, in place of `transform` and
             `target_transform`.

@@ -1,6 +1,6 @@
 """Files of events, with one module per format. A format is recognized by content first, and by extension second.
 
-`docs/extending.md` shows how to add one.
+`docs/extending.md` shows how to add a format.
 """
 
 from nvsdata.formats.file_recording import FileRecording

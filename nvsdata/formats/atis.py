@@ -36,7 +36,7 @@ from nvsdata.kernels.decode.atis import (
 )
 
 SHORT = 32  # blocks; a file up to this size is decoded entirely
-MAX_WRITTEN_US = 1 << 33  # a million overflow records; for longer recordings, another format is better
+MAX_WRITTEN_US = 1 << 33  # which takes a million overflow records; longer recordings need another format
 
 
 class AtisRecording(IndexedFile):
@@ -85,7 +85,7 @@ class AtisRecording(IndexedFile):
     def _index(self) -> Blocks:
         walk, times, offsets = self._walk()
         self._extent = int(walk[RIGHT]), int(walk[BOTTOM])
-        # the extent of an index that proved wrong must not stay
+        # replaces the extent of a cached index that proved wrong
         self._size = self._given or self._extent
         return Blocks(times, offsets, not walk[FALLS], (int(walk[ATIS_FIRST]), int(walk[ATIS_LAST])))
 

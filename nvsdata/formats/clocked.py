@@ -31,11 +31,11 @@ from nvsdata.kernels.decode.clock import (
 
 
 class ClockedFile(PiecedFile):
-    """Records with wrapped times, each resolved by the record before it; see `kernels.decode.clock`.
+    """A file of records whose times wrap; a time is unwrapped by the record before it (see `kernels.decode.clock`).
 
     The index uses only the first records of each block. Three things make it wrong: a step back that no camera makes,
     an event displaced by more than a block, and a block of more than 35 minutes that begins with a burst and seems to
-    last less than `SOON_US`. They are found when the entire file is read, and are a FormatError.
+    last less than `SOON_US`. Each of them raises a FormatError when the entire file is read.
     """
 
     block = 4096
@@ -72,14 +72,14 @@ class ClockedFile(PiecedFile):
             raise self._jump()
 
     def _jump(self) -> FormatError:
-        """Return the error for times that no camera writes."""
+        """Return the error for a file with times that no camera writes."""
         kept = self._kept()
         damaged = f"{kept.size - np.count_nonzero(kept)} of {kept.size} records are damaged"
         reason = f"a time that no camera writes: {damaged}, or the clock was set back; strict=False drops them"
         return FormatError(self.path, reason, offset=self._byte(int(np.argmin(kept))))
 
     def _kept(self) -> np.ndarray:
-        """Return the mask of the records of a damaged file to keep: the largest set that a camera may have written."""
+        """Return the mask of the records to keep of a damaged file: the most whose times a camera may have written."""
         times = [self._times(raw).astype(np.int64) for raw in super()._pieces(0, self.records)]
         kept: np.ndarray = kept_words(np.concatenate(times), 32, BACK_US, SILENT_US)
         return kept
@@ -102,7 +102,7 @@ class ClockedFile(PiecedFile):
         return columns
 
     def _drops(self, state: np.ndarray) -> bool:
-        """Return whether records are dropped from now on, because `state`, after the last record, shows damage."""
+        """Set `_keep` if the `state` after the last record shows damage that `strict=False` drops; return whether."""
         if self.strict or state[JUMP] < 0 or self._keep is not None:
             return False
         self._keep = self._kept()
@@ -123,14 +123,14 @@ class ClockedFile(PiecedFile):
             yield raw, t
 
     def _clocked(self, clock: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield bytes and times of all records, piece by piece; `clock` is advanced."""
+        """Yield bytes and times (µs) of all records, piece by piece, and update the state `clock`."""
         for raw in self._pieces(0, self.records):
             t = self._times(raw).astype(np.int64)
             unwrap(clock, t, self.block)
             yield raw, t
 
     def _check_index(self, state: np.ndarray) -> None:
-        """Raise FormatError if windows would miss events because of the index; `state` is the final one."""
+        """Raise FormatError if windows would miss events because of the index; `state` is that after all records."""
         if state[HIDDEN] >= 0:
             reason = f"{self.block} records over more than 35 minutes: a window could not determine their times"
             raise FormatError(self.path, reason, offset=self._byte(int(state[HIDDEN])))
@@ -154,8 +154,8 @@ def _steps(times: np.ndarray) -> np.ndarray:
 def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Events]:
     """Yield the pieces. ValueError for times that a reader couldn't unwrap.
 
-    These are a first time below 0 or of 2^32 - 1 µs or more, a gap of 2^31 µs or more, and a gap across a wrap that is
-    longer than `SILENT_US`.
+    Such times are a first time below 0 or of 2^32 - 1 µs or more, a gap of 2^31 µs or more, and a gap across a wrap
+    that is longer than `SILENT_US`.
     """
     last = None
     for events in pieces:

@@ -1,4 +1,4 @@
-"""Contents of files: bytes that are read only when they are decoded, headers, and the limit of decompression."""
+"""Contents of files: bytes that are read only when they are decoded, headers, and limits of decompression."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ PIECE = 1 << 20  # bytes that are read and decoded at a time
 _BUFFERS: list[
     np.ndarray
 ] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
-HEAD = 1 << 16  # bytes that are read to recognize the format; fewer bytes are the entire file
+HEAD = 1 << 16  # bytes that are read to recognize the format; a shorter head is the entire file
 MOST_HEADER = 1 << 22  # bytes of header lines; jAER writes some 100 kB
 LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # lines that end a header
-# AEDAT records may begin with the mark by chance; Prophesee's rarely do, but their headers may contain non-ASCII text
+# header lines by their mark. An AEDAT record may begin with the mark by chance, so AEDAT's lines must be printable
+# ASCII. Prophesee's records rarely begin with it, and their headers may contain other text
 _PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
 ALWAYS = 1 << 26  # bytes that any file may expand to
 RATIO = 100  # a larger file may expand to this many times its size; events compress to a third or a tenth
@@ -64,12 +65,12 @@ class Contents:
         assert self._file is not None
         with self._file.opened() as file:
             file.fill(start, out)
-        # like the bytes in memory
+        # read-only, like the bytes of `head`
         out.flags.writeable = False
         return out
 
     def pieces(self, start: int, stop: int, step: int) -> Iterator[np.ndarray]:
-        """Yield bytes start..stop in pieces of `step`, as `ranges` does."""
+        """Yield bytes start..stop in pieces of `step` bytes; as in `ranges`, each array is overwritten by the next."""
         return self.ranges([(at, min(at + step, stop)) for at in range(start, stop, step)])
 
     def ranges(self, ranges: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
@@ -145,7 +146,7 @@ class Contents:
 
 
 def header_lines(data: bytes, mark: bytes) -> tuple[list[str], int, bool]:
-    """Return the lines at the start, the offset after them, and whether `data` end where the header may continue."""
+    """Return the header lines at the start of `data`, the offset after them, and whether more may follow `data`."""
     lines: list[str] = []
     end = 0
     while data[end : end + len(mark)] == mark:
@@ -190,5 +191,5 @@ class Allowance:
 
     @property
     def reason(self) -> str:
-        """The limit, as errors state it."""
+        """The limit, as text for error messages."""
         return f"a file of {self.size} bytes may expand to {most_bytes(self.size)} at most"

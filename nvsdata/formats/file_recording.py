@@ -25,7 +25,7 @@ from nvsdata.data.pieces import in_pieces, in_windows
 from nvsdata.data.recording import Recording, anomalies_of
 from nvsdata.kernels.decode.order import is_sorted
 
-LONG, PART = 1 << 26, 1 << 24  # bytes from which `pieces` splits a file into parts, and the mean bytes of a part
+LONG, PART = 1 << 26, 1 << 24  # bytes: `pieces` splits a file larger than LONG into parts of PART on average
 
 
 class FileRecording(Recording):
@@ -40,8 +40,8 @@ class FileRecording(Recording):
     Args:
         path: The file.
         sensor_size: (width, height) in pixels, in place of the size that the file states (default None).
-        strict: Whether damage is a FormatError (default True). Otherwise what can't be decoded is left out, and
-            counted in `repairs`.
+        strict: Whether damage is a FormatError (default True). Otherwise damaged parts are left out, and counted in
+            `repairs`.
 
     Example:
         >>> import numpy as np
@@ -58,7 +58,7 @@ class FileRecording(Recording):
 
     _begins: int | None = None
     _ends: int | None = None
-    _rises = False  # whether the events that were decoded last are known to be in order of time
+    _rises = False  # whether the last decoded events are known to be in order of time
 
     def __init__(
         self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None, strict: bool = True
@@ -126,7 +126,7 @@ class FileRecording(Recording):
         return self._whole.window(start, stop)
 
     def _all(self) -> Events:
-        """Return all events."""
+        """Return all events, sorted by time."""
         if self._whole is not None:
             return self._whole
         columns = self._repaired(self.decode())
@@ -150,14 +150,14 @@ class FileRecording(Recording):
             self._repair("invalid times of start and end, left out", 1)
 
     def _check_time(self, first: int, last: int) -> None:
-        """Check that the time range that the file states contains its first and last event."""
+        """Check that the time range that the file states contains its `first` and `last` event (µs)."""
         assert self._begins is not None
         assert self._ends is not None
         if self._begins <= first and last <= self._ends:
             return
         if self.strict:
             stated = f"{self._begins} to {self._ends} µs"
-            raise FormatError(self.path, f"events at {first} to {last} µs, outside the time it states: {stated}")
+            raise FormatError(self.path, f"events at {first} to {last} µs, outside the time that it states: {stated}")
         self._repair("times of start and end that don't contain the events, left out", 1)
         self._begins = self._ends = None
 
@@ -180,7 +180,7 @@ class FileRecording(Recording):
         return iter((self.read(),))
 
     def _repaired(self, columns: Columns) -> Columns:
-        """Return the columns as they are or, if not `strict`, without values that Events don't support."""
+        """Return the columns unchanged or, if not `strict`, without events that `Events` doesn't support."""
         if self.strict:
             return columns
         columns = Columns(*self._inside(columns))
@@ -195,7 +195,7 @@ class FileRecording(Recording):
     def _inside(self, columns: Sequence[np.ndarray], first: int = 0) -> Sequence[np.ndarray]:
         """Return columns t, x, y, p without events outside the sensor or with a polarity other than 0 and 1.
 
-        If `strict`, FormatError for such an event; its number counts from `first`.
+        If `strict`, FormatError for such an event. `first` is the number of the first event, for the message.
         """
         _, x, y, p = columns
         width, height = self._limits
@@ -205,12 +205,13 @@ class FileRecording(Recording):
         bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
         if self.strict:
             where = f"event {first + int(np.argmax(bad))}"
-            raise FormatError(self.path, f"{where}: outside the sensor of {width}x{height}, or not a polarity")
+            reason = f"outside the sensor of {width}x{height}, or a polarity other than 0 and 1"
+            raise FormatError(self.path, f"{where}: {reason}")
         self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
         return [column[~bad] for column in columns]
 
     def _repair(self, what: str, count: int) -> None:
-        """Count what was left out or corrected; `repairs` has the latest count that isn't 0."""
+        """Set the number of repairs of the kind `what` in `repairs`, unless it is 0."""
         if count:
             self.repairs[what] = count
 

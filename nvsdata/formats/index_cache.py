@@ -1,9 +1,9 @@
 """Cached indexes of large files, next to them: `.NAME.nvsdata-index`, which may be deleted at any time.
 
-Some indexes need a pass over the entire file. With a cached one, the next process, or another worker of a DataLoader,
-reads a window without that pass. The pass is repeated if the file changed, for another version of this module, if the
-folder can't be written, and if the index is damaged or was altered: it has a checksum, and formats compare some of its
-entries, and those at the ends of each window, with the file.
+Some indexes need a pass over the entire file. With a cached index, the next process, or another worker of a DataLoader,
+reads a window without that pass. The pass is repeated if the file or the version of this module has changed, if the
+folder can't be written to, and if the index is damaged or was altered. To detect that, an index has a checksum, and
+formats compare some of its entries, and the entries at the ends of each window, with the file.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import numpy as np
 from nvsdata.common.files import MOST, PART, atomic, crc32, read_own, sweep
 
 VERSION = 2  # of the cached arrays, and of the kernels that compute them
-LEAST = 1 << 23  # bytes of a file; the pass over a smaller one takes less than 20 ms
-SETTLED_NS = 2_000_000_000  # a file that changed later may change again without another time stamp
+LEAST = 1 << 23  # bytes; indexes of smaller files aren't cached, because the pass takes less than 20 ms
+SETTLED_NS = 2_000_000_000  # a file that changed more recently may change again without another time stamp
 COMPARED = 8  # random entries of an index that are compared with the file when it is loaded
 SUFFIX = ".nvsdata-index"
 
@@ -41,7 +41,10 @@ def entries_to_compare(count: int) -> np.ndarray:
 
 
 def load_index(path: str, about: dict[str, object], most: int = MOST) -> Arrays | None:
-    """Return the arrays cached for a file of this description; None if there are none, or over `most` bytes."""
+    """Return the arrays cached for the file `path` with the description `about`.
+
+    None if there are no valid ones, or if they take more than `most` bytes.
+    """
     try:
         content = read_own(path_of(path), most)
         with zipfile.ZipFile(BytesIO(content)) as archive:
@@ -57,7 +60,7 @@ def load_index(path: str, about: dict[str, object], most: int = MOST) -> Arrays 
 
 
 def save_index(path: str, about: dict[str, object], modified: int, arrays: Arrays) -> None:
-    """Cache arrays for a file that was `modified` at a time (ns since 1970), if that is long enough ago."""
+    """Cache arrays for the file `path` with the description `about`, if it was last `modified` (ns) long enough ago."""
     if time.time_ns() - modified < SETTLED_NS or path.endswith(PART):
         return
     described = np.frombuffer(_described(about), np.uint8)

@@ -14,13 +14,13 @@ from nvsdata.kernels.decode.order import is_sorted
 
 
 class Entry(NamedTuple):
-    """The entry of one block in an index, computed from the records of that block and the one before it.
+    """The entry of one block in an index, computed from the records of that block and the block before it.
 
     Args:
         time: Entry in `Blocks.times`.
         state: Entry in `Blocks.states`.
-        first: Time of the first event of these records; None if they have none.
-        last: Time of their last event.
+        first: Time in µs of the first event of these records; None if they contain no event.
+        last: Time in µs of the last event of these records; None if they contain no event.
     """
 
     time: int
@@ -32,8 +32,8 @@ class Entry(NamedTuple):
 class IndexedFile(PiecedFile):
     """A file whose index is cached if the file is large.
 
-    Some entries of a cached index are compared with the file when the index is loaded, and those at the ends of each
-    window when the window is decoded. If an entry differs, the index is computed again.
+    Some entries of a cached index are compared with the file when the index is loaded. The entries at the ends of a
+    window are compared when the window is decoded. If an entry differs, the index is computed again.
     """
 
     _unchecked: set[int] | None = None  # blocks of a cached index whose entries weren't compared with the file yet
@@ -46,7 +46,7 @@ class IndexedFile(PiecedFile):
         return self._blocks
 
     def _cached(self) -> Blocks | None:
-        """Return the cached index; None if there is none of this file."""
+        """Return the cached index; None if this file has no valid one."""
         if not self._caches:
             return None
         # the index is smaller than the file
@@ -77,11 +77,11 @@ class IndexedFile(PiecedFile):
         return {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
 
     def _to_cache(self, blocks: Blocks) -> dict[str, np.ndarray]:
-        """Return the arrays of an index that are cached."""
+        """Return the arrays to cache for an index, by name."""
         return {name: np.asarray(value) for name, value in blocks._asdict().items()}
 
     def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
-        """Return the index of cached arrays. KeyError, ValueError or TypeError if it isn't one of this file."""
+        """Return the index made of cached arrays. KeyError, ValueError or TypeError if they don't fit this file."""
         first, last = map(int, kept["span"].tolist())
         times, states = kept["times"], kept["states"]
         count = -(-self.records // self.block)
@@ -113,12 +113,12 @@ class IndexedFile(PiecedFile):
 
     @abstractmethod
     def _entry(self, blocks: Blocks, block: int) -> Entry:
-        """Return the entry of a block, computed from the records of the block before it and of its own."""
+        """Return the entry of a block, computed from the records of that block and the block before it."""
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
         if self.strict and self.blocks.ordered and self._unchecked:
             try:
-                # the window has no events before the first and after the last of these blocks
+                # if these two entries are right, all events of the window are between their blocks
                 for block in self._touched(start, stop):
                     self._compare(self.blocks, block)
             except ValueError:

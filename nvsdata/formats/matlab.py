@@ -146,7 +146,7 @@ class MatlabRecording(FileRecording):
             for place in (root, *(h5py.h5g.open(root, name) for name in groups)):
                 for name in (name.decode("latin-1") for name in place):
                     if name not in wanted:
-                        # of other variables, only the name is needed, for errors
+                        # only the names of other variables are needed, for error messages
                         found.setdefault(name, np.empty(0))
                         continue
                     item = found_in(self.path, place, name)

@@ -107,7 +107,7 @@ class NpyRecording(RecordFile):
 
 
 def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Return shape, whether columns are stored one after the other, type, and the offset of the data."""
+    """Return an array's shape, whether its columns are stored one after the other, its type, and the data's offset."""
     file = io.BytesIO(head)
     try:
         version = npy.read_magic(file)
@@ -153,7 +153,7 @@ def write(pieces: Pieces, path: Path) -> None:
 
 def _begin(pieces: Pieces) -> bytes:
     file = io.BytesIO()
-    # numpy pads the header, so that its length doesn't depend on the number
+    # numpy pads the header, so that its length doesn't depend on the number of events
     npy.write_array_header_1_0(file, {"shape": (pieces.count,), "fortran_order": False, "descr": STRUCTURE.descr})
     return file.getvalue()
 

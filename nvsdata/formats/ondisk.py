@@ -1,7 +1,7 @@
 """Reads the bytes of a file, which is opened for each read and not mapped into memory.
 
-If another process truncates a mapped file, this process is killed. Each map also keeps a descriptor open as long as
-anything refers to it. Reading takes no longer than mapping.
+If another process truncates a mapped file, this process is killed. A mapping also keeps a descriptor open as long as an
+array refers to it. Reading takes no longer than mapping.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class OnDisk:
     def stamp(self) -> tuple[int, ...]:
         """Size in bytes, times of the last change of content and of metadata (ns since 1970), and inode.
 
-        The second time can't be set by programs, so it shows that a file was replaced by another one of its size and
-        time.
+        Programs can't set the time of the last change of metadata. So it shows that a file was replaced even if the new
+        file has the same size and the same time of the last change of content.
         """
         return self._stamp[0], self._stamp[1], self._changed, self._stamp[2]
 
@@ -55,7 +55,7 @@ class OnDisk:
 
 
 class OpenFile:
-    """A file that is open while a block runs. It is a descriptor, which takes half the time of a Python file object."""
+    """A file that is open while a block runs; opening only a descriptor takes half the time of a Python file object."""
 
     __slots__ = ("descriptor", "file")
 

@@ -22,9 +22,9 @@ def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = 
     Args:
         path: The file. Its format is recognized by its content, otherwise by its extension.
         sensor_size: (width, height) in pixels, in place of the size that the file states (default: that size,
-            otherwise the smallest that contains the events). Some formats state none, such as that of N-MNIST:
-            without `sensor_size=(34, 34)`, a file without events in the last row or column has another size than the
-            others.
+            otherwise the smallest that contains the events). Some formats, such as that of N-MNIST, state no size:
+            without `sensor_size=(34, 34)`, a file without events in the last row or column gets a smaller size than
+            other files.
         strict: Whether damage is a FormatError (default True). Otherwise damaged parts are left out: a torn tail is
             cut off, and events outside the sensor are dropped. `Recording.repairs` counts them.
 
@@ -115,7 +115,7 @@ def outside(recording: Recording, start: int | None, stop: int | None) -> str | 
 
 
 def head_of(path: str) -> bytes:
-    """Return the first bytes of a file, or all of them if it is small."""
+    """Return the first 64 KiB of a file, or all of it if it is smaller."""
     # system calls take half the time of a file object, and a dataset may have 100,000 small files
     handle = os.open(path, _READING)
     try:

@@ -19,10 +19,10 @@ class Blocks(NamedTuple):
     """The index of a file of M blocks.
 
     Args:
-        times: Time in µs of the first record of each block (in EVT files, of the last event before it), int64 [M].
+        times: Time in µs of each block's first record (in EVT files, of the last event before the block), int64 [M].
         states: State of the decoder before each block, [M, ...].
-        ordered: Whether times never fall; None if only the first records of blocks were read.
-        span: First and last time in µs, valid if `ordered` is true.
+        ordered: Whether the times in the file never fall; None if only the first records of blocks were read.
+        span: Times in µs of the first and last event, valid if `ordered` is true.
     """
 
     times: np.ndarray
@@ -63,7 +63,7 @@ class RecordFile(FileRecording):
         """Decode records lo..hi; `lo` is the first record of a block."""
 
     def _check_blocks(self, starts: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """Raise FormatError if windows would miss events. Arguments are each block's first, lowest, highest time."""
+        """Raise FormatError if windows would miss events. Arguments: each block's first, lowest and highest time."""
         early, late = lowest[1:] < starts[:-1], highest[:-2] > starts[2:]
         # if the blocks themselves are out of order, windows are cut from all events
         if is_sorted(starts) and (early.any() or late.any()):
@@ -108,8 +108,8 @@ class RecordFile(FileRecording):
     def decode_window(self, start: int, stop: int) -> Columns | None:
         """Decode the blocks that overlap the window; return None if they are out of order.
 
-        If only the first records of blocks are known, one more block is decoded on each side. An event that is
-        displaced farther is found when the entire file is read.
+        If the index has only the first records of blocks, one more block is decoded on each side of the window. Events
+        that are displaced farther raise a FormatError when the entire file is read.
         """
         if not self.strict:
             return None
@@ -126,7 +126,7 @@ class RecordFile(FileRecording):
         return columns.take(slice(a, b))
 
     def _touched(self, start: int, stop: int) -> tuple[int, int]:
-        """Return the first block that overlaps a window, and the one after the last."""
+        """Return the indices of the first block to decode for a window, and of the block after the last."""
         times, _, ordered, _ = self.blocks
         margin = 0 if ordered else 1
         first = int(times.searchsorted(start, "left")) - 1 - margin
@@ -134,7 +134,7 @@ class RecordFile(FileRecording):
 
 
 class PiecedFile(RecordFile):
-    """Records that a kernel decodes in pieces, each from the end of the one before."""
+    """A file of records that a kernel decodes in pieces; the decoder's state is passed from piece to piece."""
 
     @abstractmethod
     def _state(self, record: int) -> np.ndarray:
@@ -142,21 +142,21 @@ class PiecedFile(RecordFile):
 
     @abstractmethod
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        """Decode the bytes of some records into the columns from index `kept` on, and update `state`.
+        """Decode the bytes `raw` of some records into the columns from index `kept` on, and update `state`.
 
-        Returns the number of events, and the index of the first record outside the sensor or without a valid polarity,
-        -1 if there is none.
+        Returns the number of events, and the index in `raw` of the first record outside the sensor or without a valid
+        polarity, -1 if there is none.
         """
 
     def _check(self, state: np.ndarray) -> None:
         """Raise FormatError if `state` shows damage; called after each piece if `strict`."""
 
     def _most(self, raw: np.ndarray) -> int:
-        """Return the number of events for which `_piece` needs space from index `kept` on."""
+        """Return the number of events for which `_piece` needs space to decode the bytes `raw`."""
         return raw.size // self.record_size
 
     def _capacity(self, most: int, done: int, total: int) -> int:
-        """Return the space to allocate for `total` records, of which the first `done` need space for `most` events."""
+        """Return the number of events to allocate for `total` records if the first `done` need space for `most`."""
         return total
 
     def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
@@ -170,7 +170,7 @@ class PiecedFile(RecordFile):
         columns: Columns | None = None
         kept, record = 0, lo
         for raw in self._pieces(lo, hi):
-            # counted in the bytes that will be decoded, because another process may change the file
+            # counted in the bytes in memory, because another process may change the file
             most = kept + self._most(raw)
             if columns is None:
                 columns = Columns.empty(self._capacity(most, raw.size // self.record_size, hi - lo))

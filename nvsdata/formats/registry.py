@@ -25,10 +25,10 @@ class Format:
         suffixes: Extensions in lower case, with their dot. New files get the first one.
         open: `open(path, sensor_size, head, strict)` returns the `Recording` of a file. `head` is its first 64 KiB, or
             the entire file if it is shorter.
-        begins: `begins(head)` returns whether a file that begins with `head` is certainly of this format (default None:
-            the format has no mark of its own).
+        begins: `begins(head)` returns whether a file that begins with `head` is certainly of this format, by its
+            signature (default None: files of the format have no signature).
         looks_like: `looks_like(head, size)` returns whether a file of `size` bytes that begins with `head` could be of
-            this format. It is called if neither a mark nor an extension decides (default None).
+            this format. It is called if neither a signature nor an extension decides (default None).
         write: `write(pieces, path)` writes a new file (default None: the format is only read).
         holds_samples: Whether files can contain frames and inertial samples (default False).
 
@@ -52,7 +52,7 @@ def starts_with(mark: bytes) -> Callable[[bytes], bool]:
     return lambda head: head.startswith(mark)
 
 
-# nvsdata's own formats, named as entry points are; if several fit a file, the first is taken
+# nvsdata's own formats, named like entry points; if several fit a file, the first is taken
 BUILT_IN = (
     "nvsdata.formats.hdf5:FORMAT",
     "nvsdata.formats.hdf5:COMPRESSED",
@@ -84,7 +84,7 @@ class _Formats(Registry[Format]):
     def loaded(self) -> Iterable[Format]:
         if not self._complete:
             found: list[Format] = [_built_in(*name.split(":")) for name in BUILT_IN]
-            # in one assignment, because other threads may read it
+            # in one assignment, because other threads may read `_known`
             self._known = {**{one.name: one for one in found}, **self._known}
             self._complete = True
         return super().loaded()
@@ -107,7 +107,7 @@ FORMATS = _Formats("format", "formats", lambda _, found: register_format(found))
 def register_format(added: Format) -> Format:
     """Register a format for `open`, `read`, `write` and all commands.
 
-    A package registers one by an entry point of the group `nvsdata.formats` whose object is a `Format`.
+    An installed package registers a format by an entry point of the group `nvsdata.formats` whose object is a `Format`.
 
     Args:
         added: The format. Formats that were registered earlier are tried first.
@@ -117,7 +117,7 @@ def register_format(added: Format) -> Format:
 
     Raises:
         ValueError: If the name is taken.
-        TypeError: If it isn't a Format.
+        TypeError: If `added` isn't a Format.
 
     Example:
         >>> from nvsdata.formats import text
@@ -154,7 +154,7 @@ def format_of(path: str, head: bytes) -> Format:
 
 
 def _marked(head: bytes) -> Format | None:
-    """Return the format whose mark the file begins with."""
+    """Return the format whose `begins` recognizes a file that begins with `head`; None if there is none."""
     for one in FORMATS.loaded():
         begins = one.begins
         # inlined, because most of these functions take less time than a call does
@@ -167,7 +167,7 @@ def _marked(head: bytes) -> Format | None:
 
 
 def _likely(path: str, head: bytes, suffix: str) -> Format | None:
-    """Return the format of a file without a mark, by its extension or by `looks_like`."""
+    """Return the format of a file without a signature, by its extension or by `looks_like`; None if none fits."""
     known = FORMATS.loaded()
     for one in known:
         if one.begins is None and suffix in one.suffixes:
@@ -175,7 +175,7 @@ def _likely(path: str, head: bytes, suffix: str) -> Format | None:
     if not head:
         return None
     for one in known:
-        # a format with a mark, which this file doesn't have, is tried only for its own extensions
+        # a format with a signature, which this file doesn't have, is tried only for its own extensions
         tried = one.begins is None or suffix in one.suffixes
         if tried and _seems(one, head, os.path.getsize(path)):
             return one
@@ -183,7 +183,7 @@ def _likely(path: str, head: bytes, suffix: str) -> Format | None:
 
 
 def _seems(one: Format, head: bytes, size: int) -> bool:
-    """Return whether a file looks like one of a format; False with a warning if the function raises."""
+    """Return whether a file looks like one of a format; False, with a warning, if `looks_like` raises."""
     try:
         return one.looks_like is not None and bool(one.looks_like(head, size))
     except Exception as error:  # a function of another package may raise anything

@@ -1,4 +1,4 @@
-"""`nvsdata.write`: files appear whole or not at all."""
+"""`nvsdata.write`, which writes files completely or not at all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def write(
     Args:
         events: Events, a Recording, or an iterable of pieces in order of time (as `PIX2NVS.stream` returns). Pieces are
             written one by one, in constant memory. The first one states the sensor size.
-        path: The file, which appears whole or not at all. It replaces any file there.
+        path: The file, which is written completely or not at all. An existing file is replaced.
         format: Name of the format, if an extension has several: "evt3" (the default for `.raw`), "evt2" or "evt2.1";
             "hdf5" (the default for `.h5`) or "hdf5-gzip", which takes a third of the disk space.
 
@@ -39,8 +39,8 @@ def write(
 
     Raises:
         ValueError: For an unknown extension, a format that can't be written, events that the format doesn't support
-            (every format except HDF5 and text has limits), and pieces that are out of order, of different sensors, or
-            missing.
+            (every format except HDF5 and text has limits), pieces that are out of order or of different sensors, and
+            an iterable without pieces.
         OSError: If the disk is full, or returns other data than were written.
 
     Example:
@@ -56,7 +56,7 @@ def write(
         given = map(without_samples, given)
     pieces = Pieces(given)
     with atomic(path, through_link=True) as temporary:
-        assert how.write is not None, "writer_of finds those that write"
+        assert how.write is not None, "writer_of returns only formats that can be written"
         how.write(pieces, temporary)
         _check_written(how, temporary, pieces)
     return pieces.count
@@ -115,7 +115,7 @@ def _check_written(how: Format, path: Path, pieces: Pieces) -> None:
     wanted = pieces.last.window(first, None)
     try:
         found = how.open(str(path), pieces.sensor_size, head_of(str(path)), True).read(first, None)
-        # events at the same time may have come in the piece before
+        # earlier events of the file may have the same time as the first of these
         same = found[max(len(found) - len(wanted), 0) :] == wanted
     except FormatError as error:
         raise OSError(errno.EIO, f"can't be read back after it was written: {error.reason}") from error

@@ -1,8 +1,8 @@
 """Text, one event per line: `x y t p` with t in µs, or `t x y p` with t in seconds.
 
 The second form is recognized by a decimal point in the first number, or by a first line of two numbers, width and
-height. nvsdata's own files begin with a comment that states the sensor, and that the events are sorted, so that a
-window is found by bisection over the bytes.
+height. nvsdata's own files begin with a comment that states the sensor, and that the events are sorted. In such a file,
+a window is found by bisection over the bytes.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class TextRecording(FileRecording):
         return columns.first(kept), dropped
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode a window found by bisection over the lines; return None if the times around it don't confirm it."""
+        """Decode a window found by bisection over the lines; return None if events of it may be missing."""
         if not (self._sorted and self.strict):
             return None
         size = self._contents.size
@@ -114,7 +114,7 @@ class TextRecording(FileRecording):
         return lo, hi
 
     def _probe(self, at: int) -> tuple[int, int | None]:
-        """Return the offset of the first line at or after `at`, and its time (None if it isn't an event), cached."""
+        """Return offset and time (µs; None if it isn't an event) of the first line at or after `at`, and cache them."""
         if at not in self._probed:
             begin, line = self._line_from(at)
             event = EVENT.fullmatch(line)
@@ -126,7 +126,7 @@ class TextRecording(FileRecording):
         size, length = self._contents.size, LINE
         while at < size:
             stop = min(at + length, size)
-            # a line begins after a line end
+            # from the byte before, because a line begins after a line end
             piece = self._contents.read(at - 1, stop).tobytes()
             begin = piece.find(b"\n") + 1
             end = piece.find(b"\n", begin) + 1 if begin else 0

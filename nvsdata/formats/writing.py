@@ -1,4 +1,4 @@
-"""Pieces of events that are checked while they are written, and headers that describe all of them."""
+"""Pieces of events that are checked while they are written, and headers with the facts about all pieces."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Pieces:
             yield piece
 
     def _check(self, piece: Events) -> None:
-        """Compare a piece with those before it, and count it."""
+        """Check that a piece continues the pieces before it, and count its events."""
         if not -LATEST < piece.t[0] <= piece.t[-1] < LATEST:
             raise ValueError(f"times from {piece.t[0]} to {piece.t[-1]} µs: files support times below 2^62 only")
         if self.last is not None and piece.t[0] < self.last.t[-1]:

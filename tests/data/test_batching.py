@@ -125,8 +125,8 @@ def test_targets_of_unequal_size_are_named_or_filled_up(kind):
     traces = [kind([[1.0, 2.0], [3.0, 4.0]]), kind([[5.0, 6.0]])]
     samples = [(torch.zeros(2), trace) for trace in traces]
     message = (
-        r"^target 0 has the shape \(2, 2\), target 1 \(1, 2\): they don't fit into one batch\. Fill them up"
-        r" \(collate with pad=True\), change them by target_transform, or batch_size=1$"
+        r"^target 0 has the shape \(2, 2\), target 1 \(1, 2\): they don't fit into one batch\. Pad them"
+        r" \(collate with pad=True\), change them by target_transform, or use batch_size=1$"
     )
     with pytest.raises(ValueError, match=message):
         nvsdata.collate(samples)

@@ -77,9 +77,7 @@ def test_files_that_do_not_state_their_sensor_are_named_as_a_cause(tmp_path):
         nvsdata.write(ev, tmp_path / f"{name}.bin")
     read = [nvsdata.read(tmp_path / f"{name}.bin") for name in ("whole", "narrow")]
     assert [ev.sensor_size for ev in read] == [(34, 34), (33, 34)]
-    cure = (
-        r"have several sensor sizes, 33x34, 34x34: .* state it, sensor_size=\(34, 34\), in nvsdata.read, nvsdata.open"
-    )
+    cure = r"have several sensor sizes, 33x34, 34x34: .* pass sensor_size=\(34, 34\) to nvsdata.read, nvsdata.open"
     for sample in (T.EventImage(), T.ToFrames(3), T.VoxelGrid(2)):
         with pytest.raises(ValueError, match=cure):
             nvsdata.collate([(sample(ev), 0) for ev in read])

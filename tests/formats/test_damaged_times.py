@@ -187,7 +187,7 @@ def test_a_first_or_last_word_is_told_by_the_time_that_our_files_state(tmp_path,
     at = (len(raw) - size if place else len(raw) - len(ev) * size) + where.start
     raw[at : at + 4] = word[::-1] if suffix == ".dat" else word
     path.write_bytes(raw)
-    with pytest.raises(FormatError, match=r"outside the time it states|a time that no camera writes"):
+    with pytest.raises(FormatError, match=r"outside the time that it states|a time that no camera writes"):
         nvsdata.read(path)
 
 

@@ -90,7 +90,7 @@ def test_a_stated_time_that_is_wrong_is_told_of_parts_too(tmp_path, stated):
     raw = path.read_bytes()
     assert right in raw
     path.write_bytes(raw.replace(right, b"%% nvsdata time %20d to %20d us" % stated))
-    with pytest.raises(FormatError, match="outside the time it states"):
+    with pytest.raises(FormatError, match="outside the time that it states"):
         formats.write(nvsdata.open(path), tmp_path / "b.h5")
 
 

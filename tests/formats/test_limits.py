@@ -258,7 +258,7 @@ def test_stated_times_hold_the_first_and_last_event_or_not(tmp_path, suffix, fir
         assert (nvsdata.read(path).start, nvsdata.read(path).end) == (first, last)
     else:
         with pytest.raises(
-            FormatError, match=f"events at 10 to 99 µs, outside the time it states: {first} to {last} µs"
+            FormatError, match=f"events at 10 to 99 µs, outside the time that it states: {first} to {last} µs"
         ):
             nvsdata.read(path)
 

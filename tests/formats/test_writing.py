@@ -71,7 +71,7 @@ def test_a_time_that_does_not_hold_the_events_is_refused(tmp_path, suffix):
     nvsdata.write(Events([10, 99], [1, 1], [1, 1], [1, 1], (5, 5)), path)
     head, _, body = path.read_bytes().partition(b"99 us")
     path.write_bytes(head + b"98 us" + body)
-    with pytest.raises(FormatError, match="events at 10 to 99 µs, outside the time it states: 10 to 98 µs"):
+    with pytest.raises(FormatError, match="events at 10 to 99 µs, outside the time that it states: 10 to 98 µs"):
         nvsdata.read(path)
     recording = nvsdata.open(path, strict=False)
     assert recording.read().end == 99

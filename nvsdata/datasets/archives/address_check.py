@@ -34,7 +34,7 @@ class AddressCheck(NamedTuple):
 
 
 def check_addresses(infos: Iterable[Info]) -> list[AddressCheck]:
-    """Request the first bytes of every address of these datasets."""
+    """Check every address of these datasets by a request for its first bytes; return the results."""
     places = list(dict.fromkeys(place for info in infos for place in _places(info)))
     with ThreadPoolExecutor(AT_ONCE) as threads:
         answers = threads.map(
@@ -55,7 +55,7 @@ def _places(info: Info) -> Iterator[tuple[str, str, str]]:
 
 
 def page_fault(url: str) -> str:
-    """Return why a page isn't available; empty if it is."""
+    """Return why a page isn't available; empty if it is available."""
     try:
         with requests.get(url, stream=True, timeout=30) as response:
             return "" if response.ok else f"HTTP {response.status_code} {response.reason or ''}".strip()

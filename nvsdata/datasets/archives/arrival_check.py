@@ -1,4 +1,4 @@
-"""Checks that a file is the expected archive; if not, a description of the file."""
+"""Checks whether a downloaded file is the expected archive, and describes it if it isn't."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from nvsdata.datasets.archives.unpack import is_archive
 
-HEAD = 1 << 16  # bytes in which web pages are recognized
+HEAD = 1 << 16  # bytes at a file's beginning by which web pages are recognized
 QUOTA = "Google Drive's page for a used-up quota: try again in a day"
 
 
@@ -19,7 +19,7 @@ def kind_of(expected: str) -> str:
 
 
 def archive_fault(path: Path, expected: str) -> str:
-    """Return why a file isn't the expected archive; empty if it is.
+    """Return why a file isn't the expected archive; empty if it is that archive.
 
     Args:
         path: the file.
@@ -37,7 +37,7 @@ def archive_fault(path: Path, expected: str) -> str:
             return "" if found == expected else f"is another file: its {kind_of(expected)} is wrong, {found}"
     if head.startswith((b"Rar!", b"7z\xbc\xaf")):
         return "is a RAR or 7z archive, which has to be unpacked manually"
-    return "" if is_archive(path) else "is not an archive, or not all of one"
+    return "" if is_archive(path) else "is not an archive, or is incomplete"
 
 
 def page_of(head: bytes) -> str:

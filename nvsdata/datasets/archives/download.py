@@ -27,18 +27,18 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
     interrupted run can be repeated: transfers continue where they broke off, unpacking starts again. A folder gets its
     final name when it is complete.
 
-    The environment variable NVSDATA_MIRROR names a folder of archives, or its address (https://...). It is tried first:
-    `info.name/ARCHIVE`, then `ARCHIVE`.
+    The environment variable NVSDATA_MIRROR names a folder of archives, or its address (https://...). The archive is
+    looked for there first, as `info.name/ARCHIVE`, then as `ARCHIVE`.
 
     Args:
         info: facts about the dataset, including its archives.
-        root: the folder, made if needed.
-        keep: whether archives stay in `root`. If not, each is deleted once it is unpacked. One whose folder existed
-            before is deleted if its hash is known and right, and the folder contains all of it, byte for byte;
-            otherwise a warning says what is missing.
+        root: the dataset's folder, made if needed.
+        keep: whether archives stay in `root`. If not, each is deleted once it is unpacked. An archive whose folder
+            existed before is deleted if its hash is known and right, and the folder contains all of the archive, byte
+            for byte; otherwise a warning says what is missing.
 
     Returns:
-        The folders of all archives.
+        The folders into which archives were unpacked, now or before.
 
     Raises:
         DownloadError: an archive can't be fetched or unpacked (a warning if it is `optional`).
@@ -57,7 +57,7 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
         with claimed(root):
             _get(missing, root, work, info, keep)
     elif lock_path(root).exists():
-        # left by a run that was killed at its very end
+        # removes the lock of a run that was killed at its very end
         with suppress(OSError), locked(root):
             pass
     if not keep and unneeded_archives(info.archives, root):
@@ -70,7 +70,7 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
 
 
 def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
-    """Delete an archive that was unpacked earlier, if its folder contains all of it."""
+    """Delete an archive that was unpacked earlier, if its folder contains all of the archive; otherwise warn."""
     work = root / WORK
     work.mkdir(exist_ok=True)
     try:
@@ -79,7 +79,7 @@ def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
     except DownloadError as error:
         missing = str(error)
     finally:
-        # not empty if it contains an unfinished transfer
+        # it stays if it contains an unfinished transfer
         with suppress(OSError):
             work.rmdir()
     if missing:
@@ -90,13 +90,13 @@ def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
 
 
 def unneeded_archives(archives: Iterable[Archive], root: Path) -> list[Path]:
-    """Return the archives in `root` whose folder exists, too."""
+    """Return the paths of the archives in `root` whose unpacked folder exists, too."""
     places = ((root / archive.name, root / archive.folder) for archive in archives)
     return [path for path, folder in places if path != folder and path.is_file() and _is_there(folder)]
 
 
 def _is_of_mirror(path: Path) -> bool:
-    """Return whether a file is in the user's folder of archives, which other programs may need."""
+    """Return whether a file is in the user's folder NVSDATA_MIRROR, whose archives other programs may need."""
     mirror = os.environ.get(MIRROR, "")
     if not mirror or mirror.startswith(("http://", "https://")):
         return False

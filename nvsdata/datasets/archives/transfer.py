@@ -1,6 +1,7 @@
 """Transfer of files from the first address that has them, with resumption of broken connections.
 
-pooch has no resumption, takes one address per file, and retries any failure a fixed number of times; so it isn't used.
+pooch isn't used, because it has no resumption, takes one address per file, and retries any failure a fixed number of
+times.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class _NotHere(Exception):
     """The file isn't available at a place; the message says why."""
 
 
-# errors that end a try; OSError would be too wide: errors of requests are OSErrors, but so are those of the disk
+# errors that end a try; OSError would be too wide, because errors of the disk are OSErrors, too
 _FAILURES = (_Broken, requests.RequestException, urllib3.exceptions.HTTPError)
 
 
@@ -77,7 +78,7 @@ def fetch(archive: Archive, root: Path, work: Path, info: Info) -> Path:
 
 
 def _find_or_download(archive: Archive, root: Path, work: Path, info: Info) -> Path:
-    """Return the path of the archive; _NotHere with the failure at each place."""
+    """Return the path of the archive; _NotHere, whose message has the failure at each place, if no place has it."""
     path, part = root / archive.name, _Part(work / archive.name)
     if path.exists():
         if fault := archive_fault(path, archive.hash):
@@ -125,7 +126,7 @@ def _places(archive: Archive, info: Info) -> Iterator[Path | str | Archive]:
 
 
 def _take_from(outer: Archive, part: _Part, archive: Archive, work: Path, info: Info) -> None:
-    """Extract the archive from another one, which stays in `work`; _NotHere if that can't be fetched."""
+    """Extract the archive from the archive `outer`, which is fetched into `work`; _NotHere if that isn't possible."""
     found = _find_or_download(outer, work, work, info)
     part.discard()
     extract_file(found, archive.name, part.path)
@@ -144,7 +145,7 @@ def _instructions(archive: Archive, root: Path, info: Info, faults: str) -> str:
 
 
 class _Part:
-    """A partly downloaded file, and a note in a second file: its address and version."""
+    """A partly downloaded file, and a second file with a note: address, version and size of the server's file."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._note = path.with_name(path.name + ".part"), path.with_name(path.name + ".json")
@@ -171,7 +172,7 @@ class _Part:
 
 
 def _download(url: str, part: _Part, archive: Archive) -> None:
-    """Complete the part and check it; _NotHere if that isn't possible, OSError if the disk fails."""
+    """Download the rest of a part and check the file; _NotHere if that isn't possible, OSError if the disk fails."""
     for last in (False, True):
         in_pieces = _transfer(url, part, archive)
         fault = archive_fault(part.path, archive.hash)
@@ -184,7 +185,7 @@ def _download(url: str, part: _Part, archive: Archive) -> None:
 
 
 def _transfer(url: str, part: _Part, archive: Archive) -> bool:
-    """Repeat tries, with growing pauses, as long as new bytes arrive; return whether several tries made the part."""
+    """Repeat `_one_try`, with growing pauses, as long as new bytes arrive; return whether several tries were needed."""
     most, fruitless, changes, pause = len(part), 0, 0, PAUSE
     while True:
         before = len(part)
@@ -212,7 +213,7 @@ def _reason(error: BaseException) -> str:
 
 
 def _one_try(url: str, part: _Part, archive: Archive) -> bool:
-    """Request the missing bytes and append them; return whether there were bytes before. Raises one of _FAILURES."""
+    """Request the missing bytes and append them; return whether the part had bytes before. Raises _FAILURES."""
     have, note = len(part), part.note
     version = note.get("version", "") if note.get("url") == url else ""
     headers = {"Accept-Encoding": "identity"}
@@ -264,7 +265,7 @@ def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, 
 
 
 def _bytes_of(response: requests.Response) -> Iterator[bytes]:
-    """Return the bytes that a server sends; _Broken or _NotHere if they don't belong to the file."""
+    """Return the bytes that a server sends, in chunks; _Broken or _NotHere if they don't belong to the file."""
     code = response.status_code
     status = f"HTTP {code} {response.reason or ''}".strip()
     # not decoded, because a compressed file may be declared as a compressed transfer

@@ -20,10 +20,10 @@ from typing import IO
 
 from nvsdata.common.errors import DownloadError, shown
 
-MOST_BYTES = 100 << 30  # that an archive may unpack to, including the archives inside it
+MOST_BYTES = 100 << 30  # bytes that an archive may unpack to, including the archives inside it
 MOST_FILES = 1_000_000
-MOST_TIMES, SMALL = 100, 1 << 28  # times its own size, above SMALL bytes; recordings compress less than that
-DEEPEST = 3  # archives within archives
+MOST_TIMES, SMALL = 100, 1 << 28  # more than SMALL bytes may be at most this many times the archive's size
+DEEPEST = 3  # levels of archives within archives
 BLOCK = 4096  # bytes of a disk block, to which the sizes of files are rounded up
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 # exceptions of Python's readers for damaged archives, in addition to an OSError without a number
@@ -138,7 +138,7 @@ def _is_zip(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A file or folder in an archive, and the object that Python's reader has for it."""
+    """A file or folder in an archive, and the object by which Python's reader describes it."""
 
     name: str
     size: int
@@ -193,7 +193,7 @@ def _write(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: Pa
     (target if entry.is_folder else target.parent).mkdir(parents=True, exist_ok=True)
     if entry.is_folder:
         return
-    # x: doesn't overwrite another entry with that name (on some systems: in another case)
+    # mode x doesn't overwrite an entry of the same name, or of one that differs in case only and is the same file
     with _content(archive, entry) as file, target.open("xb") as out:
         shutil.copyfileobj(file, out, 1 << 20)
 
@@ -217,7 +217,7 @@ def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path
     for entry in listed:
         parts = _parts(entry.name, name)
         if parts and _is_inner(parts[-1]) and not _stem(parts[-1]).strip(". "):
-            raise _refused(name, entry.name, "leads elsewhere")
+            raise _refused(name, entry.name, "its path leads out of the folder")
         budget.take(entry.size, name)
         yield entry
 
@@ -269,7 +269,7 @@ def _parts(entry: str, archive: str) -> tuple[str, ...]:
     # Windows drops dots and spaces at the end, and has drives, streams (a:b) and devices in every folder
     leads_elsewhere = any(not part.strip(". ") or ":" in part or _WINDOWS_DEVICE.fullmatch(part) for part in parts)
     if leads_elsewhere or flat.startswith("/"):
-        raise _refused(archive, entry, "leads elsewhere")
+        raise _refused(archive, entry, "its path leads out of the folder")
     return parts
 
 
@@ -278,7 +278,7 @@ def _refused(archive: str, entry: str, why: str) -> DownloadError:
 
 
 def _is_inner(file: str) -> bool:
-    """Return whether a file is a zip by its name, and not a file that macOS adds (._NAME)."""
+    """Return whether a file's name is that of a zip, and not of a file that macOS adds (._NAME)."""
     return file.lower().endswith(".zip") and not file.startswith("._")
 
 

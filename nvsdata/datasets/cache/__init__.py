@@ -1,1 +1,1 @@
-"""The cache on disk: samples as the deterministic first transforms of a pipeline return them."""
+"""The cache on disk, which stores the output of a pipeline's first, deterministic transforms."""

@@ -32,7 +32,7 @@ from nvsdata.transforms.compose import Compose
 
 TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"
 SHARD = 1000  # samples per folder
-MOST = 1 << 30  # bytes of a sample; longer ones are made each time
+MOST = 1 << 30  # bytes of a sample; larger samples aren't cached
 # attributes of a dataset that don't change the samples in the cache
 IGNORED = (
     "transform",
@@ -61,20 +61,20 @@ FUNCTIONS = (
 
 
 def cache(dataset: EventDataset, path: str | os.PathLike[str]) -> Cached:
-    """Return the dataset with the output of its first, deterministic transforms kept below `path`.
+    """Return the dataset with the output of its first, deterministic transforms stored below `path`.
 
-    The leading transforms with `deterministic = True` are kept (`Window`, `RadiusGraph`, and your own that declare it).
-    The transforms after them, such as augmentation, are called each time. The key of the cache consists of the names of
-    the samples, the dataset's options and the settings of the kept transforms: if one of them changes, all samples are
-    made again. A sample is also made again if the size or modification time of its file has changed. A change in the
-    code of your own transforms isn't detected: empty the folder then.
+    The output of the pipeline's first transforms with `deterministic = True` is stored (`Window`, `RadiusGraph`, and
+    your own transforms that declare it). The transforms after them, such as augmentation, are called each time. The key
+    of the cache consists of the names of the samples, the dataset's options and the settings of the cached transforms:
+    if one of them changes, all samples are made again. A sample is also made again if the size or modification time of
+    its file has changed. A change in the code of your own transforms isn't detected: empty the folder then.
 
     Several workers and processes may share a cache: each file appears complete or not at all. Unfinished files of
     killed processes are removed when a cache is opened. If the disk is full or not writable, each process warns once,
     and makes samples again each time.
 
     Args:
-        dataset: with the pipeline as its `transform`.
+        dataset: a dataset whose `transform` is the pipeline.
         path: folder of the cache, made if needed; several caches may share it.
 
     Returns:
@@ -82,9 +82,9 @@ def cache(dataset: EventDataset, path: str | os.PathLike[str]) -> Cached:
 
     Raises:
         ValueError: the pipeline begins with a transform that isn't deterministic, or the dataset has `transforms`.
-        TypeError: a kept transform doesn't show its settings (it is neither a dataclass nor has its own `__repr__`).
-            When a sample is read: it is not made of Events, graphs, tensors, arrays, numbers, strings, and tuples,
-            lists and dicts of them.
+        TypeError: a cached transform doesn't show its settings (it is neither a dataclass nor has its own `__repr__`).
+            Also when a sample is read that isn't made of Events, graphs, tensors, arrays, numbers, strings, and
+            tuples, lists and dicts of them.
 
     Example:
         >>> import tempfile, nvsdata
@@ -139,7 +139,7 @@ class Cached(Dataset[tuple[Any, Any]]):
             change = self.head if self.head.transforms else as_events
             parts = [change(recording) for recording in recordings]
             repaired = self.dataset.note_repairs(index, recordings)
-            # a file changed just now may change again with the same stamp; repaired ones must be counted each time
+            # a file changed just now may change again with the same stamp; repaired recordings are counted each time
             if not (self._full or repaired) and all(
                 self.dataset.source.settled(name, at) for name in self._files(index)
             ):
@@ -160,7 +160,7 @@ class Cached(Dataset[tuple[Any, Any]]):
                 put(tag, TAG)
             _save(parts, stamps, file)
         except OSError as error:
-            # training continues; this process no longer tries
+            # training continues; this process no longer tries to write
             self._full = True
             message = f"{self.folder} can't be written to, samples are made again each time: {error}"
             warnings.warn(shown(message), stacklevel=2)
@@ -178,7 +178,7 @@ def _steps(transform: Callable[[Any], Any] | None) -> list[Callable[[Any], Any]]
     """Return the transforms in order, with every nested Compose flattened."""
     if transform is None:
         return []
-    # a subclass may call them differently
+    # a subclass of Compose may call its transforms differently
     if type(transform) is not Compose:
         return [transform]
     return [step for part in transform.transforms for step in _steps(part)]
@@ -197,15 +197,15 @@ def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
 
 
 def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
-    """Return the stored parts of a sample; None if there are none, they are damaged, or have other stamps."""
+    """Return the stored parts of a sample; None if they are missing, damaged, or stored with other stamps of files."""
     content = unsealed(file, MOST)
     if content is None:
         return None
     try:
         found, parts = decode_sample(content)
     except (ValueError, TypeError):
-        return None  # made again
-    # a part for each file, or two of one file
+        return None  # the sample is made again
+    # a part for each file, or two parts if both recordings of a pair are in one file
     return parts if found == stamps and isinstance(parts, list) and len(parts) >= len(stamps) else None
 
 
@@ -215,7 +215,7 @@ def _identity(dataset: EventDataset) -> Sequence[str]:
         name: settings_key(value)
         for name, value in vars(dataset).items()
         if name not in (*IGNORED, *DERIVED)
-        # and not values computed since
+        # and not a cached value, which isn't an option
         and not isinstance(getattr(type(dataset), name, None), cached_property)
     }
     digest = hashlib.sha256()
@@ -257,7 +257,7 @@ def settings_key(thing: Any) -> str:
         raise TypeError(_advice(thing, "is a function, whose settings aren't visible"))
     if is_dataclass(thing):
         settings = {field.name: getattr(thing, field.name, None) for field in fields(thing)}
-        # and other attributes, such as those that a subclass sets
+        # and attributes that aren't fields, such as those that a subclass sets
         settings |= getattr(thing, "__dict__", {})
         return f"{name}({', '.join(f'{setting}={settings_key(value)}' for setting, value in settings.items())})"
     if isinstance(thing, nn.Module):
@@ -280,7 +280,7 @@ def _module_key(module: nn.Module) -> str:
 
 
 def _inherits(thing: Any, base: type, method: str = "__repr__") -> bool:
-    """Return whether a method is the one that `base` defines."""
+    """Return whether the method of `thing` is that of the class `base`, not overridden."""
     return getattr(type(thing), method) is getattr(base, method)
 
 

@@ -18,18 +18,18 @@ from nvsdata.datasets.store.part import JOURNAL
 from nvsdata.datasets.store.reader import COLUMNS
 from nvsdata.formats.index_cache import SUFFIX
 
-# key of the cache, shard and sample, as `Cached` names them; or the temporary file of a killed process
+# path of a sample in a cache: key, shard and number, as `Cached` names them; or its temporary file of a killed process
 SAMPLE = re.compile(r"[0-9a-f]{16}/\d+/(\d+\.pt|\.\d+\.pt\..*\.part)")
 
 
 class Kept(NamedTuple):
-    """Files of one kind in one place.
+    """Files of one kind that nvsdata keeps in one place.
 
     Attributes:
         kind: "samples", "index", "leftover" or "unfinished" (a store or a download, which the same command resumes).
-        path: the place.
-        files: all of them.
-        bytes: their size.
+        path: the folder that contains the files, or the only file.
+        files: paths of all files.
+        bytes: size of all files together.
     """
 
     kind: str
@@ -85,7 +85,7 @@ def _output_of(folder: Path) -> Path | None:
         return folder.parent
     if not (folder.name.startswith(".") and folder.name.endswith(PART)):
         return None
-    # a process killed while it made or removed the folder leaves some of them
+    # a process killed while it made or removed the folder leaves only some of these files
     ours = {path.name for path in folder.iterdir()} <= {*COLUMNS, JOURNAL}
     return folder.with_name(folder.name[1 : -len(PART)]) if ours else None
 
@@ -112,7 +112,7 @@ def _remove(kept: Kept) -> None:
     if kept.kind in ("samples", "unfinished"):
         within = {folder for path in kept.files for folder in path.parents if kept.path in folder.parents}
         for folder in (*sorted(within, key=lambda folder: -len(folder.parts)), kept.path):
-            # not empty if a process uses the cache, or a user has put something there
+            # a folder stays if a process uses the cache, or a user has put something there
             with suppress(OSError):
                 folder.rmdir()
 

@@ -85,7 +85,7 @@ def decode_sample(content: memoryview) -> Any:
         sample = _decoded(json.loads(bytes(content[:end])), numbers)
     except ValueError:
         raise
-    except Exception as error:  # of torch and numpy, or a list where something else is expected
+    except Exception as error:  # raised by torch or numpy, or by a list in place of something else
         raise ValueError(f"not a sample: {error}") from None
     if numbers.at != len(content):
         raise ValueError("not a sample: more numbers than it describes")
@@ -104,10 +104,10 @@ class _Numbers:
         if not all(type(side) is int and side >= 0 for side in shape):
             raise ValueError(f"not a shape: {shape}")
         size = prod(shape) * kind.itemsize
-        # before memory is allocated
+        # checked before memory is allocated
         if size > len(self.content) - self.at:
             raise ValueError(f"fewer numbers than {shape}")
-        # a copy, because it may be written to
+        # a copy, because users may write to it
         numbers = np.frombuffer(self.content[self.at : self.at + size], np.uint8).copy()
         self.at += size + -size % ALIGNED
         if kind is torch.bool and size and numbers.max() > 1:
@@ -145,7 +145,7 @@ def _events(tensors: list[torch.Tensor], size: list[int], start: int | None, end
     t, x, y, p = (tensor.numpy() for tensor in tensors)
     if [t.dtype, x.dtype, y.dtype, p.dtype] != [np.int64, np.int16, np.int16, np.uint8] or not is_sorted(t):
         raise ValueError("not events as nvsdata keeps them")
-    # it checks lengths, times, pixels and polarities
+    # `Events` checks lengths, times, pixels and polarities
     width, height = size
     return Events(t, x, y, p, (width, height), start=start, end=end)
 

@@ -22,13 +22,13 @@ JOURNAL = "journal.jsonl"
 class Part:
     """A folder with a raw file per column and a journal with a line per recording. To be used in a `with` block.
 
-    The first line of the journal identifies the dataset. The recordings of an earlier run are used up to the first one
-    that has changed, is missing, or whose events on the disk differ from those that were written.
+    The first line of the journal identifies the dataset. The recordings of an earlier run are reused up to the first
+    recording that has changed, is missing, or whose events on the disk differ from those that were written.
 
     Args:
         folder: the folder, made if needed.
         dataset: the dataset that is packed.
-        names: its recordings.
+        names: names of its recordings.
 
     Attributes:
         facts: journal lines of the packed recordings.
@@ -42,7 +42,8 @@ class Part:
         self.events = 0
         reasons = dataset.source.left_out
         self.skipped = {name: reasons.get(name, "empty") for name in dataset.skipped}
-        # depends on the size with which they are opened; if each states its own, the next one may be larger
+        # bytes suffice if all recordings are opened with a small size; if each file states its own, a later one may be
+        # larger
         size = dataset.opened_with
         kind = np.dtype(np.uint8 if size is not None and max(size) <= 256 else np.uint16)
         self.kinds = {"t": np.dtype(np.int64), "x": kind, "y": kind, "p": np.dtype(np.uint8)}
@@ -61,11 +62,11 @@ class Part:
 
     @property
     def done(self) -> set[str]:
-        """Recordings that are packed or left out."""
+        """Names of the recordings that are packed or left out."""
         return {facts["name"] for facts in self.facts} | set(self.skipped)
 
     def raw(self) -> dict[str, np.ndarray]:
-        """Return the columns so far, one recording after the other."""
+        """Return the columns of all recordings packed so far, in sequence."""
         # an empty file can't be mapped, but without events no store is written
         return {name: np.memmap(self.folder / name, kind, "r") for name, kind in self.kinds.items()}
 
@@ -137,7 +138,12 @@ class Part:
             file.close()
 
     def add(self, name: str, result: tuple[dict[str, Any], list[np.ndarray]] | str) -> None:
-        """Append a recording, or why it is left out: first its columns, then the line that makes it valid."""
+        """Append a recording: first its columns, then the journal line that makes it valid.
+
+        Args:
+            name: the recording.
+            result: its facts and columns, or the reason why it is left out.
+        """
         line: dict[str, Any]
         if isinstance(result, str):
             line = {"name": name, "skipped": result}
@@ -154,7 +160,7 @@ class Part:
 
 
 def _is_valid(facts: dict[str, Any], names: set[str]) -> bool:
-    """Return whether a line has valid facts about one of these recordings."""
+    """Return whether a line of the journal has valid facts about one of the recordings `names`."""
     if not isinstance(facts.get("name"), str) or facts["name"] not in names:
         return False
     if "skipped" in facts:

@@ -55,9 +55,9 @@ TYPES: dict[str, tuple[str, ...]] = dict.fromkeys(
 )
 TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # texts and bytes are uint8
 TYPES |= {"t": ("u4", "i8"), "x": ("u1", "u2"), "y": ("u1", "u2"), "p": ("u1",)}  # of the events
-UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state beginning and end
+UNSTATED = np.iinfo(np.int64).min  # in place of beginning and end of a recording whose file doesn't state them
 MARKED = 256  # the index has the time of every 256th event
-CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
+CHECKED = 1 << 22  # bytes; a window of a recording up to this size is read after all of the recording is verified
 
 
 class Store:
@@ -73,7 +73,7 @@ class Store:
     Attributes:
         dataset: `info.name` of the dataset.
         split: the split that was packed.
-        fold: its fold.
+        fold: the fold that was packed.
         names: names of the recordings, by number.
         left_out: recordings that couldn't be packed, name to reason.
 
@@ -121,7 +121,7 @@ class Store:
         self._marks = index["mark"]
         if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
             raise FormatError(path, "its index contradicts itself: pack it again")
-        # None for compressed columns
+        # compressed columns have no place
         self._places = [place for place in places if place is not None]
         # arguments for `read_window`, if it can read the columns
         begins, widths = [begin for *_, begin in self._places], [width for _, width, _ in self._places]
@@ -136,7 +136,7 @@ class Store:
         return Store, (self.root,)
 
     def _is_sound(self, index: dict[str, np.ndarray]) -> bool:
-        """Return whether all arrays have the same number of recordings, in sequence, with possible sensor sizes."""
+        """Return whether the arrays of the index agree on the number of recordings, and have possible values."""
         counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
         counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
         sizes, base, files = index["size"], index["base"], index["file_offset"]
@@ -158,7 +158,7 @@ class Store:
         return {folder: sorted(found[folder]) for folder in sorted(found)}
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> StoredRecording:
-        """Return a recording, which was intact when it was packed; FormatError for one that was left out."""
+        """Return a recording; FormatError if it was left out. `strict` has no effect: only intact files are packed."""
         if name in self.left_out:
             raise FormatError(self.root, f"{shown(name)} was left out when it was packed: {self.left_out[name]}")
         return StoredRecording(self, self._number[name], sensor_size)
@@ -179,7 +179,7 @@ class Store:
         return self.stamp(name)
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Return the checksum of the events, and the values that it doesn't cover."""
+        """Return the checksum of the events, and the first time and sensor size, which it doesn't cover."""
         number = self._number[name]
         return int(self._crc[number]), self._base[number], *self.sensor_size(number)
 
@@ -188,7 +188,7 @@ class Store:
         return True
 
     def read(self, number: int, start: int, stop: int) -> Columns:
-        """Return the events of a recording with start <= t < stop: bisect the index, read that part of each column."""
+        """Return a recording's events with start <= t < stop (µs). Only the part of each column around them is read."""
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
         verified = self._verified.values[number]
         if not verified and (raw := self._verify(number, start, stop)):
@@ -202,7 +202,7 @@ class Store:
         if self._direct:
             count = read_window(*columns, base, start, stop, self._handle, lo, *self._direct)
         if count < 0:
-            # or raise the error that explains why there are fewer bytes
+            # reads compressed columns, or raises the error for columns that are too short
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         columns = columns.first(count)
         if not verified:
@@ -226,7 +226,7 @@ class Store:
         return raw
 
     def _check(self, number: int, raw: list[np.ndarray]) -> None:
-        """Mark a recording, whose checksum is right, as verified; FormatError if the index contradicts its events."""
+        """Mark a recording whose checksum is right as verified; FormatError if the index contradicts its events."""
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         ends = (raw[0][0], raw[0][-1]) if raw[0].size else (0, self._duration[number])
         if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
@@ -236,7 +236,7 @@ class Store:
 
     def check_inside(self, number: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]) -> None:
         """Raise FormatError unless the events of a recording are on a sensor of this size, with polarities 0 and 1."""
-        # int16 below 0 are the highest uint16
+        # as uint16, negative numbers are larger than all others
         x, y = (column.view(np.uint16) if column.dtype == np.int16 else column for column in (x, y))
         if x.size and (x.max() >= size[0] or y.max() >= size[1] or p.max() > 1):
             reason = f"coordinates outside the sensor of {size[0]}x{size[1]}, or polarities other than 0 and 1"
@@ -259,7 +259,8 @@ class Store:
     def _raw(self, lo: int, hi: int) -> list[np.ndarray]:
         """Return events lo to hi - 1 as they are stored.
 
-        They are read and not memory-mapped, because a mapped page takes longer than its bytes and stays in memory.
+        They are read and not memory-mapped, because mapping a page takes longer than reading it, and a mapped page
+        stays in memory.
         """
         if len(self._places) == len(COLUMNS):
             return [self._column(lo, hi, *place) for place in self._places]
@@ -272,7 +273,7 @@ class Store:
         return columns
 
     def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
-        """Return items lo to hi - 1 of a column; `begin` is the byte of its first item."""
+        """Return items lo to hi - 1 of a column whose items have `size` bytes and begin at the byte `begin`."""
         items = np.empty(hi - lo, kind)
         read_into(self._handle, self.path, begin + lo * size, items)
         return items
@@ -303,7 +304,7 @@ class StoredRecording(Recording):
 
     @property
     def path(self) -> str:  # type: ignore[override]
-        """Path of the store, and the recording's name."""
+        """Path of the store, a colon, and the recording's name."""
         return f"{self._store.path}:{self._store.names[self._number]}"
 
     @property
@@ -379,5 +380,5 @@ def pack_texts(texts: Iterable[str]) -> np.ndarray:
 
 
 def unpack_texts(kept: np.ndarray) -> list[str]:
-    """Return the strings given to `pack_texts`."""
+    """Return the strings that `pack_texts` converted to bytes."""
     return kept.tobytes().decode("utf-8", "surrogatepass").split("\0")[:-1]

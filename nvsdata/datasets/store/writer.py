@@ -36,7 +36,7 @@ class PackReport:
 
     Attributes:
         packed: number of recordings in the store.
-        events: number of their events.
+        events: number of events in them.
         skipped: recordings that were left out, name to reason.
     """
 
@@ -146,7 +146,7 @@ def _decode(source: Source, size: tuple[int, int] | None, name: str) -> Decoded:
 
 
 def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> None:
-    """Write the store from its unfinished parts, and read it back."""
+    """Write the store from the columns and facts in `part`, and read it back."""
     facts = part.facts
     offset = np.concatenate(([0], np.cumsum([line["events"] for line in facts])))
     bounds = list(pairwise(offset.tolist()))
@@ -195,7 +195,7 @@ def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> 
 def _checksums(
     part: Part, raw: dict[str, np.ndarray], bounds: list[tuple[int, int]], kinds: dict[str, np.dtype[Any]]
 ) -> Iterator[int]:
-    """Yield the checksum of each recording in the store's types; OSError if the raw files were changed."""
+    """Yield the checksum of each recording, converted to the store's types; OSError if the raw files were changed."""
     for line, (a, b) in zip(part.facts, bounds, strict=True):
         columns = {name: raw[name][a:b] for name in COLUMNS}
         if crc_of(list(columns.values())) != line["crc"]:
@@ -212,7 +212,7 @@ def _read_back(path: Path) -> None:
 
 
 def _side_files(dataset: EventDataset, part: Part) -> dict[str, np.ndarray]:
-    """Return lists, labels and annotations: all small files that aren't recordings of any split."""
+    """Return the index arrays of side files: all small files that aren't recordings, such as lists and labels."""
     names, blobs = [], []
     recordings = part.done.union(dataset.files_of(dataset.found()))
     for folder, files in dataset.listing.items():

@@ -47,7 +47,7 @@ def looks_like(head: bytes, _: int) -> bool:
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write AEDAT 1.0 records of a DVS128. ValueError for a larger sensor, and for times as in AEDAT 2.0."""
+    """Write AEDAT 1.0 records of a DVS128. ValueError for a larger sensor, and for the same times as in AEDAT 2.0."""
     size, layout, name = CHIPS["DVS128"]
     width, height = pieces.sensor_size
     if width > size[0] or height > size[1]:

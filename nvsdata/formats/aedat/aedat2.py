@@ -61,7 +61,7 @@ class Aedat2Recording(ClockedFile):
         self._scales = Scales.stated(lines)
 
     def _camera(self, chip: str | None) -> tuple[tuple[int, int], int]:
-        """Return size and address layout by the header, the sensor's size, or the addresses, in this order."""
+        """Return size and address layout of the chip: by the header, else by the sensor size, else by the addresses."""
         for name, (size, layout, _) in CHIPS.items():
             if chip is not None and chip.startswith(name):
                 return size, layout
@@ -78,7 +78,10 @@ class Aedat2Recording(ClockedFile):
         return CHIPS[name][:2]
 
     def _stated(self, lines: Sequence[str]) -> tuple[int, int] | None:
-        """Return the size of a sensor that is smaller than the chip for which its file was written."""
+        """Return the sensor size that nvsdata's comment in a header states; None without one.
+
+        FormatError if it exceeds the chip, which may be larger than the sensor of a file that nvsdata wrote.
+        """
         found = next((m for line in lines if (m := _SENSOR.fullmatch(line.rstrip()))), None)
         if found is None:
             return None
@@ -89,7 +92,7 @@ class Aedat2Recording(ClockedFile):
         return width, height
 
     def _wide(self, raw: np.ndarray) -> np.ndarray:
-        """Return records in the layout of AEDAT 2.0."""
+        """Return records in the layout of AEDAT 2.0; a subclass converts them."""
         return raw
 
     def _times(self, raw: np.ndarray) -> np.ndarray:
@@ -118,7 +121,7 @@ class Aedat2Recording(ClockedFile):
 def write(pieces: Pieces, path: Path) -> None:
     """Write AEDAT 2.0 records of the smallest of DVS128, DAVIS240C and DAVIS346 that contains the sensor.
 
-    ValueError for a larger sensor, and for times of 32 bits that a reader couldn't unwrap: a first time outside
+    ValueError for a larger sensor, and for times that a reader couldn't unwrap from 32 bits: a first time outside
     [0, 2^32 - 1) µs, a gap of 2^31 µs or more, or a gap of more than five minutes where the 32 bits wrap.
     """
     size, layout, name = chip_for(*pieces.sensor_size)
@@ -138,7 +141,7 @@ def chip_for(width: int, height: int) -> tuple[tuple[int, int], Any, str]:
 
 
 def header_bytes(version: str, chip: str, pieces: Pieces, more: Sequence[str] = ()) -> bytes:
-    """Return the header of a file; `more` are further lines."""
+    """Return the header of a file of AEDAT `version`, recorded by `chip`; `more` are further lines."""
     size = "# nvsdata sensor {}x{}".format(*pieces.sensor_size)
     lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}", size)
     return "".join(f"{line}\r\n" for line in (*lines, *more, time_comment(pieces), "#End Of ASCII Header")).encode()

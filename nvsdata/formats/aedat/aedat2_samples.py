@@ -26,12 +26,12 @@ from nvsdata.kernels.decode.order import is_sorted
 NOT_EVENT, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10
 MAX_READING = 1023
-DEPTH = 6  # a frame's pixels have 16 bits, a reading has 10
+DEPTH = 6  # bits: a frame's pixels have 16, a reading has 10
 FULL = 1 << 15
 PER_KELVIN, ZERO = 340.0, 35.0
 _SCALE = re.compile(r'#.*key="Imu(Accel|Gyro)Scale" value="(?:ImuAccelScaleG|GyroFullScaleDegPerSec)(\d{1,5})"')
-PATIENCE = 1_000_000  # µs that events wait for a frame that began before them, until the first frame has arrived
-LONGEST = 10_000_000  # the same, after the first frame
+PATIENCE = 1_000_000  # µs that records wait for a frame that began before them, as long as no frame has arrived
+LONGEST = 10_000_000  # µs that records wait for such a frame, after a frame has arrived
 
 
 Timed = Iterator[tuple[np.ndarray, np.ndarray]]  # records, piece by piece: bytes or addresses, and times in µs, int64
@@ -74,9 +74,9 @@ class Records(NamedTuple):
 
 
 def merged_records(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iterator[Any]:
-    """Yield `Records` of pieces in order of time, which needs sorting: a frame begins before its last data arrive.
+    """Yield the `Records` of pieces, sorted by time, because a frame's first records are earlier than its arrival.
 
-    ValueError for samples that the layout of a DVS128 doesn't support.
+    ValueError for frames and inertial samples in the layout of a DVS128, which has none.
     """
     queue = _RecordQueue(layout, size)
     for piece in pieces:
@@ -89,7 +89,7 @@ def merged_records(pieces: Iterable[Events], layout: int, size: tuple[int, int])
 
 
 class _RecordQueue:
-    """Records that wait for earlier ones. They are sorted once per half of `PATIENCE`."""
+    """Records that wait until no earlier record can arrive. They are sorted once per half of `PATIENCE`."""
 
     def __init__(self, layout: int, size: tuple[int, int]) -> None:
         self._layout, self._size = layout, size
@@ -105,7 +105,7 @@ class _RecordQueue:
         return Records(piece.t, raw.view(np.uint64).reshape(-1))
 
     def add(self, piece: Piece) -> Iterator[Records]:
-        """Add the records of a piece, and yield those that no later record can precede."""
+        """Add the records of a piece, and yield the waiting records that no record of a later piece can precede."""
         self._waiting.append(self.events(piece))
         for t, addresses in (*self._inertial(piece.inertial), *self._frames(piece.frames)):
             # a frame may have begun before time 0, or have lasted longer than records wait
@@ -117,7 +117,7 @@ class _RecordQueue:
             yield from self.take(min(max(self._framed, piece.end - self._patience), piece.end))
 
     def take(self, until: int | None) -> Iterator[Records]:
-        """Yield the waiting records before the time `until`; all of them for None."""
+        """Yield the waiting records before the time `until` (µs), sorted; all of them for None."""
         if not self._waiting:
             return
         t, raw = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
@@ -157,7 +157,7 @@ class _RecordQueue:
                 (BEFORE, np.full_like(light, MAX_READING), (frame.start, frame.exposure_start)),
                 (AFTER, MAX_READING - light, (frame.exposure_end, frame.end)),
             ):
-                # only the first and the last reading's times define the exposure
+                # the exposure is defined by the times of the first and the last reading only
                 t = np.full(light.size, ends[kind == BEFORE], np.int64)
                 t[0 if kind == BEFORE else -1] = ends[kind != BEFORE]
                 yield t, place | kind | reading
@@ -230,7 +230,7 @@ def _frame(facts: np.ndarray, light: np.ndarray) -> Frame:
 
 
 def _not_events(timed: Timed) -> Timed:
-    """Yield the records of a file that aren't events: addresses, uint32, and times."""
+    """Yield the records of a file that aren't events: their addresses, uint32, and times in µs."""
     for raw, t in timed:
         addresses = raw.view(">u4")[::2].astype(np.uint32)
         which = addresses >= NOT_EVENT

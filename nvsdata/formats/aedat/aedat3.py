@@ -94,10 +94,10 @@ class Aedat3Recording(FileRecording):
 
     @cached_property
     def _reach(self) -> tuple[np.ndarray, ...]:
-        """The first and the last time, int64 [M] each, at which each packet may have an event."""
+        """The earliest and the latest time in µs, int64 [M] each, that an event of each packet may have."""
         packets = self.packets
         reach = np.stack((packets[:, FIRST] - DISORDER_US, packets[:, LAST] + DISORDER_US))
-        # a packet's first or last event may itself be an invalid one
+        # the times of a packet may be those of invalid events
         reach[:, packets[:, SOME_INVALID] > 0] = np.array(EVER)[:, None]
         return tuple(reach)
 
@@ -113,7 +113,7 @@ class Aedat3Recording(FileRecording):
                 at = int(some[strayed, FIRST_BYTE]) - PACKET_HEADER
                 if self.strict:
                     raise FormatError(
-                        self.path, "a packet of events before its first, after its last, or before 0", offset=at
+                        self.path, "a packet with events before its first, after its last, or before time 0", offset=at
                     )
                 count, lost = self._salvaged(raw, base, some, kept, columns)
                 dropped += lost
@@ -129,9 +129,10 @@ class Aedat3Recording(FileRecording):
         return columns
 
     def _read(self, packets: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
-        """Yield some packets at a time, their bytes, and the offset of these bytes in the file."""
+        """Yield packets in groups: their rows of the index, their bytes, and the offset of these bytes in the file."""
         begins, ends = packets[:, FIRST_BYTE], packets[:, FIRST_BYTE] + 8 * packets[:, NUMBER]
-        # half a piece, because the last packet extends beyond it; together they rarely exceed a piece
+        # a group's packets begin in the same half piece, so that a group, whose last packet extends beyond it, rarely
+        # exceeds a piece
         half = PIECE // 2
         edges = [0, *(np.flatnonzero(np.diff(begins // half)) + 1).tolist(), len(packets)]
         parts = [(lo, hi) for lo, hi in pairwise(edges) if lo < hi]
@@ -142,14 +143,14 @@ class Aedat3Recording(FileRecording):
     def _salvaged(
         self, raw: np.ndarray, base: int, packets: np.ndarray, kept: int, columns: Columns
     ) -> tuple[int, int]:
-        """Decode damaged packets without the events whose times don't fit; return how many are kept and dropped."""
+        """Decode damaged packets; drop events whose times don't fit. Return the numbers of kept and dropped events."""
         begin, lost = kept, 0
         width, height = self._limits
         for k in range(len(packets)):
             count, _, _, strayed = aedat3_decode(raw, base, packets[k : k + 1], width, height, kept, *columns)
             if strayed >= 0:
                 some = columns.take(slice(kept, kept + count))
-                # times of 31 bits with a sign
+                # the file has signed times of 31 bits
                 since = (some.t - packets[k, ADDED]).astype(np.uint32).view(np.int32).astype(np.int64)
                 fits = kept_words(since, 40, DISORDER_US) & (since >= 0)
                 left = int(np.count_nonzero(fits))
@@ -186,7 +187,7 @@ class Aedat3Recording(FileRecording):
 def write(pieces: Pieces, path: Path) -> None:
     """Write AEDAT 3.1 polarity packets. ValueError for times outside [0, 2^62) µs.
 
-    The source is named after the sensor where one of its size is known, else `nvsdata-WxH`.
+    The header's source is the known camera with this sensor size or, if there is none, `nvsdata-WxH`.
     """
     width, height = pieces.sensor_size
     name = next((name for name, size in SENSORS.items() if size == (width, height)), f"nvsdata-{width}x{height}")

@@ -98,9 +98,9 @@ class Aedat4Recording(FileRecording):
             raise FormatError(self.path, f"truncated: {self._end - at} bytes are left over", offset=at)
 
     def _table(self, kind: str) -> Packets | None:
-        """Return the packets of a stream by the table at the file's end, None if there is no valid one.
+        """Return the packets of a stream, as the table at the file's end lists them; None without a valid table.
 
-        Packets of events of a large file without a table are found by a pass over the file.
+        In a large file without a table, the packets of events are found by a pass over the file.
         """
         if kind not in self._listed:
             listed = self._file_table
@@ -122,7 +122,7 @@ class Aedat4Recording(FileRecording):
         for at, packet in self._packets("EVTS"):
             t = self._content(at, packet, _events_of, left)["t"]
             if t.size:
-                # ends of a packet out of order are swapped, so that `ordered` is false and the index isn't used
+                # a packet out of order is listed with its end before its start, so that `ordered` is false
                 ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (1, 0)
                 rows.append((self._streams["EVTS"][0], at + HEADER, len(packet), t.size, *ends))
         packets = np.array(rows, np.int64).reshape(-1, len(Packets._fields)).T
@@ -146,7 +146,7 @@ class Aedat4Recording(FileRecording):
             parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(some_packets)]
         except FormatError:
             return False
-        # the index has no times of packets out of order
+        # for packets out of order, the index doesn't have the true times
         return self._agree(some_packets, parts) or not packets.ordered
 
     @cached_property
@@ -167,7 +167,7 @@ class Aedat4Recording(FileRecording):
         return found if same else None
 
     def _chosen(self, packets: Packets) -> Iterator[tuple[int, memoryview]]:
-        """Yield byte offset and content of some packets of the table."""
+        """Yield byte offset and content of the given packets."""
         begin, end = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
         for at, content in zip(begin, self._contents.ranges(list(zip(begin, end, strict=True))), strict=True):
             yield at, content.data[HEADER:]
@@ -175,7 +175,7 @@ class Aedat4Recording(FileRecording):
     def decode(self) -> Columns:
         columns: list[Columns] = []
         for part in self._parts():
-            # now, while its bytes are in the processor's cache
+            # converted now, while its bytes are in the processor's cache
             valid = self._valid(part)
             if valid is None:
                 return self._columns(list(self._parts()))
@@ -183,7 +183,7 @@ class Aedat4Recording(FileRecording):
         return concatenate(columns) if columns else Columns.empty(0)
 
     def _parts(self) -> Iterator[np.ndarray]:
-        """Yield the events of each packet. FormatError, even if not strict, if none can be read."""
+        """Yield the events of each packet. FormatError, even if not `strict`, if no packet can be read."""
         return self._readable(self._packets("EVTS"), _events_of, "packets", some=True)
 
     def _readable(
@@ -191,8 +191,8 @@ class Aedat4Recording(FileRecording):
     ) -> Iterator[Packed]:
         """Yield the result of `read` for each packet.
 
-        If not strict, damaged packets are left out, and so is everything after a damaged size. But if `some` is true
-        and no packet can be read, the first error is raised.
+        If not `strict`, damaged packets are left out, and so are all packets after a damaged size. But if `some` is
+        true and no packet can be read, the first error is raised.
         """
         count, damaged, first, left = 0, 0, None, self._allowance
         try:
@@ -264,7 +264,10 @@ class Aedat4Recording(FileRecording):
         return int(packets.start[0]), int(packets.end[-1])
 
     def _leaves_none_out(self, packets: Packets, first: bool, last: bool) -> bool:
-        """Return whether a cached index lists all packets between these, and before the `first` or after the `last`."""
+        """Return whether a cached index lists all packets of events between the given ones.
+
+        Packets before them are checked, too, if they are the file's `first`, and packets after them if its `last`.
+        """
         begins, ends = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
         begins, ends = begins[not first :] + [self._end] * last, [self._first] * first + ends[: len(ends) - (not last)]
         left = self._allowance
@@ -282,14 +285,17 @@ class Aedat4Recording(FileRecording):
         return True
 
     def _agree(self, packets: Packets, parts: list[np.ndarray]) -> bool:
-        """Return whether packets agree with the table."""
+        """Return whether the events `parts` of packets have the numbers, first times and last times of `packets`."""
         if [part.size for part in parts] != packets.elements.tolist():
             return False
         ends = [(part["t"][0], part["t"][-1]) for part in parts]
         return ends == list(zip(packets.start.tolist(), packets.end.tolist(), strict=True))
 
     def _timed(self, events: np.ndarray, first: int) -> np.ndarray:
-        """Return the events whose times `Events` supports; the first has the number `first` in the file."""
+        """Return the events whose times `Events` supports; the first event has the number `first` in the file.
+
+        If `strict`, FormatError for any other time.
+        """
         late = (events["t"] <= -LATEST) | (events["t"] >= LATEST)
         if self.strict and late.any():
             raise FormatError(self.path, f"event {first + int(np.argmax(late))}: a time at or beyond 2^62 µs")
@@ -298,7 +304,7 @@ class Aedat4Recording(FileRecording):
 
     @property
     def _allowance(self) -> Allowance:
-        """Return a new limit for packets that are decompressed together."""
+        """A new limit for packets that are decompressed together."""
         return Allowance(self._contents.size)
 
     def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], Packed], left: Allowance) -> Packed:
@@ -318,7 +324,7 @@ class Aedat4Recording(FileRecording):
     def _samples(
         self, kind: str, read: Callable[[memoryview], Packed], start: int | None, stop: int | None
     ) -> Iterator[Packed]:
-        """Yield the result of `read` for the packets of a stream, without those outside the window by the table."""
+        """Yield the result of `read` for the packets of a stream; a table shows which are outside the window."""
         check_window(start, stop)
         if kind not in self._streams:
             return
@@ -341,7 +347,7 @@ class Aedat4Recording(FileRecording):
 
 
 def _events_of(payload: memoryview) -> np.ndarray:
-    """Return the events of a packet, [N] of EVENT."""
+    """Return the events of a packet, a structured array [N] of the type EVENT."""
     first, count = Table.root(payload, 4, b"EVTS").vector(0)
     if count * EVENT.itemsize > len(payload) - first:
         raise ValueError(f"{count} events in {len(payload)} bytes")
@@ -349,7 +355,7 @@ def _events_of(payload: memoryview) -> np.ndarray:
 
 
 def _streams(root: Any) -> dict[str, tuple[int, dict[str, str]]]:
-    """Return number and attributes of the first stream of each type. ValueError if there is none of events."""
+    """Return number and attributes of the first stream of each type. ValueError if no stream has events."""
     found: dict[str, tuple[int, dict[str, str]]] = {}
     for node in root.iter("node"):
         attributes = {attr.get("key"): attr.text or "" for attr in node.findall("attr")}

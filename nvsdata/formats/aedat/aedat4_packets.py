@@ -1,4 +1,4 @@
-"""Packets of AEDAT 4 files: layout, compression, and the table of them."""
+"""Packets of AEDAT 4 files: their layout, their compression, and the table that lists them."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ LZ4, ZSTD = (1, 2), (3, 4)
 
 
 class Packets(NamedTuple):
-    """Packets listed in the table at a file's end.
+    """N packets, as the table at a file's end lists them.
 
     Args:
         stream: Number of each packet's stream, [N].
-        at: Offset of its content, [N].
-        size: Bytes of its content, [N].
-        elements: Number of its elements, [N].
-        start: Time of its first element in µs, [N].
-        end: Time of its last element in µs, [N].
+        at: Byte offset of each packet's content, [N].
+        size: Number of bytes of the content, [N].
+        elements: Number of elements, such as events, [N].
+        start: Time of the first element in µs, [N].
+        end: Time of the last element in µs, [N].
     """
 
     stream: np.ndarray
@@ -37,7 +37,7 @@ class Packets(NamedTuple):
     end: np.ndarray
 
     def take(self, which: slice | np.ndarray) -> Packets:
-        """Return some of the packets."""
+        """Return the packets selected by a slice, a boolean mask or indices."""
         return Packets(*(column[which] for column in self))
 
     def of(self, stream: int) -> Packets | None:
@@ -67,9 +67,10 @@ def packets_of(data: memoryview, first: int, end: int) -> Packets:
 
 
 def inflater(path: str, compression: int) -> Callable[[memoryview, int], bytes]:
-    """Return the function that decompresses a packet. It raises OverflowError beyond a given number of bytes.
+    """Return a function of a packet and a number of bytes that decompresses the packet.
 
-    ImportError if its package is missing, ValueError for an unknown compression.
+    The function raises OverflowError if the packet expands to more bytes. `inflater` raises ImportError if the package
+    for the compression is missing, and ValueError for an unknown compression.
     """
     if compression in LZ4:
         lz4 = _package("lz4.frame", f"{path}: ")
@@ -83,7 +84,7 @@ def inflater(path: str, compression: int) -> Callable[[memoryview, int], bytes]:
 
 
 def deflater() -> Callable[[bytes], bytes]:
-    """Return the function that compresses a packet with LZ4. ImportError if its package is missing."""
+    """Return a function that compresses a packet with LZ4. ImportError if the package lz4 is missing."""
     compress = _package("lz4.frame").compress
     return lambda content: bytes(compress(content, content_checksum=True))
 
@@ -108,7 +109,7 @@ def _unlz4(lz4: Any, packet: memoryview, most: int) -> bytes:
 
 def _unzstd(zstandard: Any, packet: memoryview, most: int) -> bytes:
     size = zstandard.get_frame_parameters(packet).content_size
-    if most < size < (1 << 64) - 2:  # the two largest values mean that it is unknown
+    if most < size < (1 << 64) - 2:  # the two largest values mean that the size is unknown
         raise OverflowError(f"a packet expands to {size} bytes")
     try:
         inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=most)

@@ -10,7 +10,7 @@ from nvsdata.data.samples import Frame, Inertial, Triggers
 from nvsdata.formats.aedat.flatbuffer import Rows, Table, layout_of, packed_vector
 
 RISING, FALLING, PULSE = 1, 2, 3  # types of external triggers; others are the camera's own signals
-LONG = 1_000_000  # µs; the times of a frame are closer together
+LONG = 1_000_000  # µs; longer than the time from a frame's first to its last time
 LARGEST = 2**15 - 1  # pixels along a side
 GRAY_8, GRAY_16 = 0, 2  # types of frames, as OpenCV numbers them
 SAMPLE = np.dtype(
@@ -24,7 +24,7 @@ def unpack_frame(payload: memoryview) -> Frame:
     """Return the frame of a packet; colors are converted to gray."""
     table = Table.root(payload, 4, b"FRME")
     time = table.number(0, "<q", 0)
-    # 0 may mean unknown; but near the clock's start it is a time
+    # a time of 0 may mean unknown, except near the clock's start
     begin = table.number(3, "<q", time)
     begin = begin if begin or abs(time) < LONG else time
     first = table.number(1, "<q", begin)

@@ -18,7 +18,7 @@ from nvsdata.formats.aedat.flatbuffer import layout_of, packed_vector
 from nvsdata.formats.writing import Pieces, file_with_header, time_comment
 
 MOST = 8192  # events in a packet
-SOURCE = "nvsdata"  # camera's name in files without one
+SOURCE = "nvsdata"  # in place of the camera's name, if that is unknown
 LONGEST = 64  # bytes of a camera's name
 XML_BYTES = 3072  # the description of streams is padded to this size
 # a row of the table: offset of its layout, padding (a named field, so that it is set to 0), fields

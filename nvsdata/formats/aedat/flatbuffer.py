@@ -92,14 +92,14 @@ class Rows:
 
 
 def layout_of(size: int, places: Sequence[int]) -> bytes:
-    """Return the layout (vtable) of a table of `size` bytes with fields at these offsets (0: left out)."""
+    """Return the layout (vtable) of a table of `size` bytes with fields at the offsets `places` (0 for no field)."""
     packed = struct.pack(f"<{len(places) + 2}H", 4 + 2 * len(places), size, *places)
-    # so that the next object is aligned
+    # padding aligns the next object
     return packed + bytes(-len(packed) % 8)
 
 
 def packed_vector(name: bytes, rows: np.ndarray, layout: bytes) -> bytes:
-    """Return a flatbuffer, after its length, whose root has one field, a vector of tables.
+    """Return a flatbuffer, preceded by its length, whose root has one field, a vector of tables.
 
     The column "way" of `rows` is overwritten with the offset of each table's layout.
     """

@@ -1,8 +1,9 @@
 """Prophesee RAW, EVT2 and EVT 2.1.
 
 EVT2 has words of 32 bits, one per event. EVT 2.1 has words of 64 bits, each for up to 32 pixels of a row. Its header
-says which half comes first: `endianness=legacy`, the half with the type, as the IMX636 sends it; `little`, the other
-half, as the GenX320 does. If the header doesn't say it, the words show it.
+states which half of a word comes first. With `endianness=legacy`, as from the IMX636, it is the half with the word's
+type; with `endianness=little`, as from the GenX320, it is the other half. If the header doesn't state it, the order is
+found from the words.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from nvsdata.kernels.decode.evt2 import (
     evt21_walk,
 )
 
-LOOKED_AT = 4096  # words of a file that show the order of halves
+LOOKED_AT = 4096  # words at the beginning of a file from which the order of the halves is found
 
 
 class Evt2Recording(EvtRecording):

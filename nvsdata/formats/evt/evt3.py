@@ -23,7 +23,7 @@ class Evt3Recording(EvtRecording):
     find_triggers = evt3_triggers
 
     def _most(self, raw: np.ndarray) -> int:
-        # one more, because the kernel also writes words that aren't events, and then overwrites them
+        # one more, because the kernel writes a row for each word, and overwrites those of words that aren't events
         return int(evt3_count(raw)) + 1
 
     def _capacity(self, most: int, done: int, total: int) -> int:
@@ -31,7 +31,10 @@ class Evt3Recording(EvtRecording):
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write EVT3. ValueError for coordinates above 2047, and for times outside [0, 2^40) µs (0.5 MB of wraps)."""
+    """Write EVT3. ValueError for coordinates above 2047, and for times outside [0, 2^40) µs.
+
+    The limit of time is nvsdata's: a file contains every wrap of the time since 0, which is 0.5 MB for 2^40 µs.
+    """
     write_words(pieces, path, "3.0", evt3_encode, state=3, bits=40)
 
 

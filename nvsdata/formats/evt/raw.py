@@ -28,7 +28,7 @@ MAX_ADDRESS = 0x7FF
 
 
 class EvtRecording(IndexedFile):
-    """A file of words of one size. Events before the first time word are left out, because they have no time.
+    """A file of words of one size. Events before the first time word are left out, because their time is unknown.
 
     A subclass must define `record_size` and the following.
 
@@ -52,7 +52,7 @@ class EvtRecording(IndexedFile):
     _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
 
     def _heads(self, raw: np.ndarray) -> np.ndarray:
-        """Return the words, of 64-bit words the lower halves; their types begin at bit `high_bits`."""
+        """Return the words, or the lower halves of 64-bit words; their bits from `high_bits` on are the word's type."""
         size = min(self.record_size, 4)
         return raw.view(f"<u{size}")[:: self.record_size // size]
 
@@ -71,7 +71,7 @@ class EvtRecording(IndexedFile):
         self._state_times(stated_time(lines))
 
     def _index(self) -> Blocks:
-        """Compute the index by the last event before each block, because a block's first word may not be an event."""
+        """Compute the index. A block's time is that of the last event before it: its first word may not be an event."""
         walk = self._walk()
         if walk[0][JUMP] >= 0:
             strays = self._strays()
@@ -106,7 +106,7 @@ class EvtRecording(IndexedFile):
         return Entry(int(times[block - before]), states[block - before].tolist(), first, last)
 
     def _strays(self) -> np.ndarray:
-        """Return the indices of the time words that no camera wrote."""
+        """Return the indices of the time words whose times no camera writes."""
         begin, places, highs = 0, [], []
         for raw in self._pieces(0, self.records):
             words = self._heads(raw)
@@ -141,7 +141,7 @@ class EvtRecording(IndexedFile):
         return np.array([NO_TIME, *[0] * (self.state_size - 1), *UNSEEN])
 
     def _parts(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return views of the kernels' state, and of their statistics."""
+        """Split `state` into views of the kernels' state and of their statistics."""
         return state[: self.state_size], state[self.state_size :]
 
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
@@ -152,7 +152,7 @@ class EvtRecording(IndexedFile):
         """Decode all events, without the index unless the clock is damaged."""
         columns, state = self._run(0, self.records)
         if self._parts(state)[1][JUMP] >= 0 and self._blocks is None:
-            # this raises an error, or finds the words to drop
+            # computing the index raises an error, or finds the words to drop
             self._blocks = self._index()
             columns, _ = self._run(0, self.records)
         self._rises = is_sorted(columns.t)
@@ -170,8 +170,8 @@ class EvtRecording(IndexedFile):
 
 
 def extrapolated(most: int, done: int, total: int) -> int:
-    """Return the space to allocate for the events of `total` words if the first `done` words have at most `most`."""
-    # an eighth more, because growing later costs a copy; but the rest may be sparser than the beginning
+    """Return the number of events to allocate for `total` words if the first `done` words have at most `most`."""
+    # an eighth more, because growing later costs a copy; limited, because the rest may have fewer events per word
     return min(most * total // done * 9 // 8, 2 * most + 4 * (total - done)) if done < total else most
 
 
@@ -198,7 +198,9 @@ def write_words(
     bits: int = 51,
     option: str = "",
 ) -> None:
-    """Write a file. `encode` returns the words of a piece, and updates a state of `state` integers, -1 at first.
+    """Write an EVT file of `version`.
+
+    `encode(t, x, y, p, state)` returns the words of a piece, and updates its state of `state` integers, -1 at first.
 
     ValueError for coordinates above 2047, and for times before 0 or at or beyond 2^bits µs, because the file contains
     every wrap of the time since 0.

@@ -33,8 +33,8 @@ FORMAT = Format(
     write=_write,
     holds_samples=True,
 )
-# the same layout with compressed columns, which the same code reads: 1.7 to 3.3 bytes per event, where plain columns
-# take 7 to 9; but a window of 30 ms takes milliseconds, not 0.1 ms
+# the same layout with compressed columns, which the same code reads: 1.7 to 3.3 bytes per event instead of 7 to 9; but
+# reading a window of 30 ms takes milliseconds instead of 0.1 ms
 COMPRESSED = Format(
     "hdf5-gzip",
     FORMAT.suffixes,

@@ -1,4 +1,4 @@
-"""Values of HDF5 datasets, whose compressed chunks may not expand to more than their size.
+"""Values of HDF5 datasets. Compressed chunks may not expand to more than the chunk size that the file states.
 
 The HDF5 library allocates memory for whatever a chunk expands to, and keeps it, so that a file of a few MB can take
 gigabytes. So this module decompresses deflated chunks itself, which is faster, too. The library decodes other
@@ -41,7 +41,7 @@ class Chunks:
         self._deflated = DEFLATE in self._filters
         after = self._filters[self._filters.index(DEFLATE) + 1 :] if self._deflated else []
         if sum(kind in EXPANDING for kind in self._filters) > 1 or not {CHECKSUM}.issuperset(after):
-            raise FormatError(path, f"{name_of(dataset.id)} is compressed more than once, or changed after it")
+            raise FormatError(path, f"{name_of(dataset.id)} is compressed more than once, or filtered after that")
         self._last: tuple[Offset, np.ndarray] | None = None
         if self._deflated:
             self._kind, self._shape, self._sides = dataset.dtype, dataset.shape, layout.get_chunk()
@@ -50,7 +50,7 @@ class Chunks:
             self._ours = plain and dataset.id.get_type().equal(h5py.h5t.py_create(self._kind, logical=True))
 
     def read(self, lo: int = 0, hi: int | None = None) -> np.ndarray:
-        """Return rows lo..hi, all by default. FormatError if a chunk expands to more bytes than its size."""
+        """Return rows lo..hi, all by default. FormatError if a chunk expands to more bytes than the file states."""
         if not self.dataset.ndim:
             return np.asarray(self.dataset[()])
         found = self._inflated(lo, self.dataset.shape[0] if hi is None else hi) if self._deflated else None
@@ -91,7 +91,7 @@ class Chunks:
             inflater = fast_zlib.decompressobj()
             raw = inflater.decompress(data, self._size + SPARE + 1)
         except fast_zlib.error:
-            # what isal can't decompress, zlib, like the library, can
+            # zlib, which the HDF5 library uses, decompresses some data that isal can't
             inflater = zlib.decompressobj()
             try:
                 raw = inflater.decompress(data, self._size + SPARE + 1)

@@ -40,7 +40,7 @@ class ColumnFile(OpenFile):
             self._library.__exit__(kind, error, tb)
 
     def chunks(self, name: str) -> Chunks:
-        """Return the values of a dataset that must be decoded."""
+        """Return the `Chunks` of the dataset `name`, which must be decoded."""
         if self._library is None:
             self._library = opened(self.file.path, "can't read the events")
             file = self._library.__enter__()
@@ -50,11 +50,11 @@ class ColumnFile(OpenFile):
 
 
 class Column(ABC):
-    """A column of `size` integers."""
+    """A column of `size` integers in an HDF5 file."""
 
     def __init__(self, name: str, size: int) -> None:
         self.name, self.size = name, size
-        self._seen: dict[int, int] = {}  # values that bisections have read; they share their first ones
+        self._seen: dict[int, int] = {}  # values that bisections have read; all bisections begin with the same ones
 
     def value(self, source: ColumnFile, i: int) -> int:
         """Return the value at index i."""
@@ -113,9 +113,9 @@ class Stored(Column):
 
 
 def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
-    """Return the column of an object of h5py's low-level API. FormatError if it isn't a column of integers.
+    """Return the column in `dataset`, an object of h5py's low-level API. FormatError unless its values are integers.
 
-    `left` limits the bytes to which it may expand, together with other columns.
+    `left` is the limit on the bytes to which this column and others may expand together.
     """
     if not isinstance(dataset, h5py.h5d.DatasetID):
         raise FormatError(file.path, f"/{name} is not a dataset")
@@ -131,7 +131,7 @@ def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
 
 
 def bisected(column: Column, source: ColumnFile, value: int) -> tuple[int, int]:
-    """Return two indices at most `BISECTED` apart, between which a sorted column first reaches `value`."""
+    """Return two indices, at most `BISECTED` apart, between which a sorted column first reaches `value`."""
     lo, hi = 0, column.size
     while hi - lo > BISECTED:
         middle = (lo + hi) // 2
@@ -146,7 +146,7 @@ def rises(column: Column, source: ColumnFile) -> bool:
     """Return whether no value of a column is smaller than the one before it."""
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))
-        # values beyond int64 wrap, so that the column falls
+        # unsigned values beyond int64 become negative, so that the column isn't sorted
         if not is_sorted(values.astype(np.int64, copy=False)):
             return False
     return True

@@ -1,8 +1,9 @@
 """New HDF5 files whose writing errors are raised.
 
 The HDF5 library notices a full disk too late: h5py only prints errors that occur while a file is closed, and the
-process may crash. So the library writes through `_Disk`, which never fails: after an error of the disk it stores in
-memory what the library still writes, and `check` raises the error. For the same reason, signals don't interrupt it.
+process may crash. So the library writes through `_Disk`, which never fails: after an error of the disk, `_Disk` keeps
+the rest of the library's data in memory, and `check` raises the error. For the same reason, signals don't interrupt
+`_Disk`.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
 
 
 class _Disk(io.RawIOBase):
-    """A file for the HDF5 library, which is written and read at any offset, in full, and never fails."""
+    """A file that the HDF5 library writes and reads at any offset. Each call succeeds, and for all bytes."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)

@@ -1,8 +1,8 @@
 """Safe access to HDF5 files: attributes, and datasets all of whose values are in the file itself.
 
-HDF5 can refer to other files by external links, virtual datasets and external storage. With them, a file could expose
-any file of the machine, wait forever on a pipe, or claim values that don't exist. They are refused, unless the
-environment has NVSDATA_HDF5_LINKS=1, which leaves them to the HDF5 library.
+HDF5 can refer to other files by external links, virtual datasets and external storage. By such references, a file could
+expose any file of the machine, wait forever on a pipe, or claim values that don't exist. They are refused, unless the
+environment has NVSDATA_HDF5_LINKS=1: then the HDF5 library follows them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def opened(path: Any, reason: str) -> Iterator[Any]:
 
 
 def attribute(file: Any, name: str) -> Any:
-    """Return an attribute of a file, None if it is missing, in a third of the time of h5py's `attrs`."""
+    """Return an attribute of a file; None if it is missing. Takes a third of the time of h5py's `attrs`."""
     if not h5py.h5a.exists(file.id, name.encode()):
         return None
     found = h5py.h5a.open(file.id, name.encode())
@@ -76,7 +76,7 @@ def links_are_followed() -> bool:
 
 
 def found_in(path: Any, place: Any, name: str) -> Any:
-    """Return the object of a name in a file or a group, in h5py's low-level API; None if there is none.
+    """Return the object called `name` in a file or a group, as an object of h5py's low-level API; None if missing.
 
     Soft links, which refer to names in the same file, are followed. FormatError for links to other files.
     """
@@ -99,7 +99,7 @@ def found_in(path: Any, place: Any, name: str) -> Any:
             waiting.extend(target.split(b"/")[::-1])
             continue
         if kind != h5py.h5l.TYPE_HARD and not links_are_followed():
-            where = b":".join(at.links.get_val(part)) if kind == h5py.h5l.TYPE_EXTERNAL else b"no one knows what"
+            where = b":".join(at.links.get_val(part)) if kind == h5py.h5l.TYPE_EXTERNAL else b"an unknown target"
             full = f"{name_of(at).rstrip('/')}/{part.decode('utf-8', 'replace')}"
             raise _elsewhere(path, full, f"an external link to {where.decode('utf-8', 'replace')!r}")
         at = h5py.h5o.open(at, part)
@@ -107,7 +107,10 @@ def found_in(path: Any, place: Any, name: str) -> Any:
 
 
 def dataset_of(path: Any, file: Any, name: str, left: Allowance | None = None) -> Any:
-    """Return a dataset of h5py's file. FormatError unless all its values are in it. `left` is as in `check_stored`."""
+    """Return the dataset called `name` in an open file of h5py. FormatError unless all its values are in the file.
+
+    `left` is as in `check_stored`.
+    """
     found = found_in(path, file.id, name)
     if not isinstance(found, h5py.h5d.DatasetID):
         raise FormatError(path, f"/{name} is not a dataset" if found is not None else f"there is no /{name}")
@@ -125,13 +128,13 @@ def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tupl
     """Return creation properties and shape of a dataset of h5py's low-level API, after a check.
 
     FormatError if its values aren't all in the file: HDF5 itself fills in values that were never written, however many,
-    and follows every reference to other files. The dataset's bytes are subtracted from `left`, the limit of
-    decompression, which it shares with others.
+    and follows every reference to other files. The dataset's bytes are subtracted from `left`, a limit of decompression
+    that several datasets may share.
     """
     layout = dataset.get_create_plist()
     kind = layout.get_layout()
     if kind == h5py.h5d.VIRTUAL or (kind == h5py.h5d.CONTIGUOUS and layout.get_external_count()):
-        # before its shape is queried, because that opens the other files
+        # checked before the shape is queried, because that opens the other files
         if not links_are_followed():
             how = "virtual" if kind == h5py.h5d.VIRTUAL else "stored externally"
             raise _elsewhere(path, name_of(dataset), how)
@@ -174,7 +177,7 @@ def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
             import hdf5plugin  # noqa: F401  registers its filters
         if not h5py.h5z.filter_avail(code):
             how = f"{name_of(dataset)} is compressed by filter {code}, which isn't installed"
-            raise FormatError(path, f"{how}: pip install 'nvsdata[hdf5]' has the usual ones")
+            raise FormatError(path, f"{how}: pip install 'nvsdata[hdf5]' installs the usual filters")
 
 
 def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:

@@ -52,7 +52,7 @@ from nvsdata.kernels.decode.order import is_sorted
 
 STORE = "nvsdata-store"
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
-AROUND = 64  # events on each side of a window whose order with it is checked
+AROUND = 64  # events on each side of a window that are read, too, to check the order of time
 
 
 class Hdf5Recording(FileRecording):
@@ -88,7 +88,7 @@ class Hdf5Recording(FileRecording):
         return stated_size(self.path, number_of(self.path, file, "width"), number_of(self.path, file, "height"))
 
     def _promises_order(self, file: Any) -> bool:
-        """Return whether times never fall in this layout: Metavision's, and DSEC's with its index."""
+        """Return whether the layout ensures that times never fall: Metavision's does, and DSEC's with its index."""
         return any(found_in(self.path, file.id, name) is not None for name in ("CD/events", "ms_to_idx"))
 
     def _find(self, file: Any, own: bool) -> dict[str, Column]:
@@ -128,7 +128,7 @@ class Hdf5Recording(FileRecording):
             return self._events(source, 0, t)
 
     def _events(self, source: ColumnFile, first: int, t: np.ndarray) -> Columns:
-        """Return the events from index `first` on whose times `t` have been read."""
+        """Return the events from index `first` on, of which the times `t` have been read already."""
         x, y, p = (self._read(source, name, first, first + t.size) for name in "xyp")
         inside = self._inside((t, x, y, as_polarity(p)), first)
         return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
@@ -162,7 +162,7 @@ class Hdf5Recording(FileRecording):
             return found or self._within(source, start, stop, *self._bisected(source, start, stop))
 
     def _within(self, source: ColumnFile, start: int, stop: int, first: int, last: int) -> Columns | None:
-        """Decode a window within events first..last; None if they are out of order, or don't reach beyond it."""
+        """Decode a window from events first..last; None if these are out of order, or may not contain all of it."""
         around = self._times(source, first, last)
         lo, hi = around.searchsorted((start, stop)).tolist()
         if not self._rises or (lo == 0 < first) or (hi == around.size and last < self._columns["t"].size):
@@ -170,7 +170,10 @@ class Hdf5Recording(FileRecording):
         return self._events(source, first + lo, around[lo:hi])
 
     def _chunks(self, source: ColumnFile, start: int, stop: int) -> tuple[int, int] | None:
-        """Return the range of the chunks that a window is in, by their first times; None if they aren't stored."""
+        """Return the range of events in the chunks that overlap a window, by the stored first time of each chunk.
+
+        None if the file has no such times.
+        """
         t, starts = self._columns["t"], self._starts
         if starts is None or not isinstance(t, Stored) or not t.chunk or starts.size != -(-t.size // t.chunk):
             return None
@@ -185,7 +188,7 @@ class Hdf5Recording(FileRecording):
         return max(before - AROUND, 0), min(after + AROUND, t.size)
 
     def _in_order(self, source: ColumnFile) -> bool:
-        """Return whether times never fall; unless the layout ensures it, all times are checked, once."""
+        """Return whether times never fall. Unless the layout ensures it, all times are checked at the first call."""
         if self._ordered is None:
             t = self._columns["t"]
             self._ordered = rises(t, source)

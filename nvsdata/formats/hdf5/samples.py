@@ -4,10 +4,11 @@
   and `pixels`, uint16, frame after frame, row by row
 - `/inertial`: `t` (int64 [N], µs), `acceleration` (g) and `rotation` (degrees/s), float32 [N, 3], `temperature` (°C),
   float32 [N]
-- attributes of `/`: `camera`, `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (JSON),
-  `temperature` (°C)
+- `/frame_times`: int64 [N], µs, the times of the video frames that the events were emulated from
+- attributes of `/`: `camera`, `serial`, `started` (wall-clock time at µs 0, ISO 8601), `note`, `temperature` (°C), and
+  as JSON `biases`, `settings`, `emulator` and `imperfections`
 
-Times are in the clock of the events; `/t_offset` isn't added to them. A group exists only if it has data.
+Times are in the clock of the events; `/t_offset` isn't added to them. Each of these exists only if there are data.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ GATHERED = 64  # number of frames, or of pieces with inertial samples, that are 
 
 
 class SampleWriter:
-    """Writes the other data of pieces to an HDF5 file while the pieces are iterated over; `finish` writes the rest.
+    """Writes frames, inertial samples and metadata of pieces to an HDF5 file while the pieces are iterated over.
 
-    `check` is called for each piece, and raises errors of the disk.
+    `finish` writes the rest. `check` is called for each piece, and raises errors of the disk.
     """
 
     def __init__(self, file: Any, check: Callable[[], None]) -> None:
@@ -48,7 +49,7 @@ class SampleWriter:
         self._frames: list[Frame] = []
 
     def passing(self, pieces: Iterable[Events]) -> Iterator[Events]:
-        """Yield the same pieces, and write their other data."""
+        """Yield the same pieces, and write their frames and inertial samples."""
         for piece in pieces:
             if isinstance(piece, Piece):
                 self._about.update(piece.about)
@@ -70,12 +71,12 @@ class SampleWriter:
             elif name == FRAME_TIMES:
                 self._file.create_dataset(name, data=np.asarray(value, np.int64))
             else:
-                # of fixed length, like all strings in these files
+                # a string of fixed length, like all strings in these files
                 text = value if isinstance(value, str) else json.dumps(value)
                 self._file.attrs[name] = np.bytes_(text.encode())
 
     def _write(self, least: int) -> None:
-        """Write the collected frames, and the collected samples, if there are at least `least` of them."""
+        """Write the collected frames if there are at least `least`, and likewise the collected inertial samples."""
         if len(self._samples) >= least:
             for name, values in Inertial.joined(self._samples)._asdict().items():
                 self._append(f"inertial/{name}", values, CHUNK)
@@ -103,7 +104,10 @@ class SampleWriter:
 
 
 def inertial_in(path: str, file: Any, dataset: Callable[[str], Any], start: int | None, stop: int | None) -> Inertial:
-    """Return samples of an open file with start <= t < stop; `dataset` returns a checked dataset by name."""
+    """Return the inertial samples of an open file with start <= t < stop (µs).
+
+    `dataset` returns a checked dataset by name.
+    """
     if found_in(path, file.id, "inertial") is None:
         return Inertial.empty()
     found = Inertial(*(values_of(path, dataset(f"inertial/{name}")) for name in Inertial._fields))
@@ -145,7 +149,7 @@ def frames_in(
 
 
 def frame_times_in(path: str, file: Any, dataset: Callable[[str], Any]) -> dict[str, np.ndarray]:
-    """Return the times of the frames that the events of an open file were emulated from, as part of `about`."""
+    """Return {"frame_times": times in µs of the frames that an open file's events were emulated from}, or {}."""
     if found_in(path, file.id, FRAME_TIMES) is None:
         return {}
     times = values_of(path, dataset(FRAME_TIMES))

@@ -24,7 +24,9 @@ SHORT = 1 << 32  # µs; the range of uint32
 
 
 def write(pieces: Pieces, path: Path, *, compressed: bool = False) -> None:
-    """Write the four columns, contiguous if they are short, otherwise in chunks while pieces arrive.
+    """Write events, frames, inertial samples and metadata to a new HDF5 file.
+
+    Columns of events are contiguous if they are short; otherwise they are written in chunks while pieces arrive.
 
     Args:
         pieces: The events.
@@ -99,14 +101,14 @@ class ChunkWriter(NamedTuple):
         if values.size < self.length:
             values = np.concatenate((values, np.zeros(self.length - values.size, values.dtype)))
         chunk = np.ascontiguousarray(values)
-        # directly, because the library would copy it, and compress it slowly
+        # written directly, because the HDF5 library would copy the chunk, and compress it slowly
         dataset.id.write_direct_chunk((count,), deflated(chunk) if self.compressed else chunk)
 
 
 def _write_chunks(
     writer: ChunkWriter, check: Callable[[], None], pieces: Iterable[Columns], kinds: dict[str, Any], offset: int
 ) -> int:
-    """Write pieces that fill a chunk each, with a `check` of the disk after each; return the offset of times in µs."""
+    """Write pieces of a chunk each, and `check` the disk after each; return the µs to add to the stored times."""
     datasets = {name: writer.create(name, kind) for name, kind in kinds.items()}
     count, starts = 0, []
     for piece in pieces:
@@ -126,7 +128,7 @@ def _write_chunks(
 
 
 def _widened(writer: ChunkWriter, offset: int) -> Any:
-    """Convert the column of times to int64, because the recording exceeds the range of uint32."""
+    """Convert the column of times to int64 for a recording that exceeds the range of uint32; return the new column."""
     narrow, wide = writer.file["events/t"], writer.create("wide", np.int64)
     for start in range(0, narrow.size, writer.length):
         writer.add(wide, start, narrow[start : start + writer.length].astype(np.int64) + offset)

@@ -356,7 +356,7 @@ def test_titles_of_web_pages_are_told_briefly(tmp_path):
     (tmp_path / "a").write_bytes(b"<!-- one -->\n<HTML>")
     assert archive_fault(tmp_path / "a", "0" * 32) == "is a web page, without a title: the file needs a browser"
     (tmp_path / "a").write_bytes(b"<htmlx>")
-    assert archive_fault(tmp_path / "a", "") == "is not an archive, or not all of one"
+    assert archive_fault(tmp_path / "a", "") == "is not an archive, or is incomplete"
     (tmp_path / "a").write_bytes(b"")
     assert archive_fault(tmp_path / "a", "") == "is empty"
 

@@ -90,15 +90,15 @@ NAMES = [
 
 @pytest.mark.parametrize("name", NAMES)
 def test_entries_that_lead_elsewhere_are_refused(refused, name):
-    refused(zipped({"fine": b"1", name: b"x"}), "refused to unpack .*leads elsewhere")
-    refused(trees.zipped({"in.zip": zipped({name: b"x"})}), "'in.zip': refused to unpack .*leads elsewhere")
+    refused(zipped({"fine": b"1", name: b"x"}), "refused to unpack .*leads out of the folder")
+    refused(trees.zipped({"in.zip": zipped({name: b"x"})}), "'in.zip': refused to unpack .*leads out of the folder")
     refused(trees.tarred({"fine": b"1", name: b"x"}), "refused to unpack", name="a.tar.gz")
 
 
 @pytest.mark.parametrize("name", ["...zip", "a/...zip", ".zip", "a/.ZIP", " .zip", "....zip"])
 def test_zips_whose_folder_would_be_elsewhere_are_refused(refused, name):
     """`...zip` less its suffix is `..`: it left the folder, and the user's own zips there were unpacked and removed."""
-    refused(zipped({name: zipped({"x/evil": b"1"})}), "refused to unpack .*leads elsewhere")
+    refused(zipped({name: zipped({"x/evil": b"1"})}), "refused to unpack .*leads out of the folder")
 
 
 @pytest.mark.parametrize("kind", [0o120000, 0o010000, 0o020000, 0o060000, 0o140000])

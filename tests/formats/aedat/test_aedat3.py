@@ -181,7 +181,7 @@ def test_no_packets_and_packets_without_times_that_count(tmp_path):
     assert recording.read().t.tolist() == [5, 10, 15, 20]
 
 
-STRAY = "a packet of events before its first, after its last, or before 0"
+STRAY = "a packet with events before its first, after its last, or before time 0"
 
 
 @pytest.mark.parametrize(

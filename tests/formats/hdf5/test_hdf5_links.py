@@ -141,7 +141,7 @@ def test_a_filter_that_is_not_installed_names_what_to_install(tmp_path):
             made = h5py.h5d.create(file.id, name.encode(), h5py.h5t.NATIVE_UINT8, space, plist)
             made.write_direct_chunk((0,), b"0123456789")
     reason = (
-        r"/t is compressed by filter 32099, which isn't installed: pip install 'nvsdata\[hdf5\]' has the usual ones"
+        r"/t is compressed by filter 32099, which isn't installed: pip install 'nvsdata\[hdf5\]' installs the usual"
     )
     with pytest.raises(FormatError, match=reason):
         nvsdata.open(tmp_path / "a.h5")
