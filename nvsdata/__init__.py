@@ -1,6 +1,6 @@
 """Datasets, transforms and models for event cameras.
 
-The public names stand in `__init__.pyi`, and are imported when they are first used: `import nvsdata` costs nothing.
+The public names are listed in `__init__.pyi`, and are imported when they are first used, so `import nvsdata` is fast.
 """
 
 from typing import Any
@@ -19,5 +19,5 @@ def _png_of_events(events: Any) -> bytes:
     return png(events)
 
 
-# here, because `data` is below `plots` and can't import it
+# registered here, because `nvsdata.data` is below `nvsdata.plots` and can't import it
 drawers["Events"] = _png_of_events

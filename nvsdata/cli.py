@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The `nvsdata` command line: a table of commands, whose modules are imported when they are called."""
+"""The `nvsdata` command line: a table of commands. The module of a command is imported when the command is called."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _where(error: Exception, args: argparse.Namespace) -> str:
-    """Return the given paths, one of which a system error without a file name is about."""
+    """Return a note with all paths among the arguments, for a system error without a file name about one of them."""
     from pathlib import Path
 
     from nvsdata.common.errors import shown
@@ -144,7 +144,7 @@ def _verbosity(args: argparse.Namespace) -> Iterator[None]:
     from nvsdata.common.terminal import be_quiet
 
     format_warning = warnings.formatwarning
-    # without the line of code that Python adds
+    # warnings are shown without the line of code that Python adds
     warnings.formatwarning = lambda message, *_, **__: f"nvsdata {args.command}: warning: {shown(message)}\n"
     log, handler = logging.getLogger("nvsdata"), logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
@@ -163,7 +163,7 @@ def _verbosity(args: argparse.Namespace) -> Iterator[None]:
 
 
 def _split_line(line: str) -> list[str]:
-    """Return the words after the program's name of an unfinished command line."""
+    """Return the words of an unfinished command line, without the program's name."""
     try:
         return shlex.split(line)[1:]
     except ValueError:
@@ -183,7 +183,8 @@ def _complete(parser: argparse.ArgumentParser) -> None:
 def _open_standard_streams() -> None:
     """Open standard streams that a shell has closed.
 
-    Otherwise the next file would get the number of one of them, and messages would be written into it.
+    Otherwise the next file that is opened would get the descriptor of such a stream, and messages would be written into
+    the file.
     """
     for number in range(3):
         try:

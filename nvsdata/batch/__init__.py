@@ -1,1 +1,1 @@
-"""Runs over folders of files: manifest, shards, workers, estimate, resuming."""
+"""Runs over folders of files: manifests, shards, workers, estimates, and resuming."""

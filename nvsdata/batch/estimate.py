@@ -1,4 +1,4 @@
-"""Estimate of the time and disk of a run over a folder of videos."""
+"""Estimate of the time and disk space that a run over a folder of videos needs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Estimate:
-    """Time and disk that a run will need, approximately. `str` gives it as a sentence.
+    """Time and disk space that a run will need, approximately. `str` returns the estimate as a sentence.
 
     Args:
         videos: Number of videos.
-        seconds: Time of the run.
+        seconds: Time of the run in s.
         bytes: Size of the recordings.
         free: Bytes of disk that are free.
         frames: Number of frames of all videos, or None if not estimated.
@@ -55,5 +55,5 @@ class Estimate:
 
 
 def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
-    """Return at most `count` items at even distances, the first and the last included."""
+    """Return at most `count` items at even distances, including the first and the last."""
     return [items[n] for n in np.unique(np.linspace(0, len(items) - 1, min(count, len(items))).astype(int))]

@@ -28,7 +28,7 @@ class Video(NamedTuple):
         name: Name relative to the folder of videos, with slashes.
         path: File of the video.
         target: File of the recording.
-        format: Format of the recording, or None for that of the file's extension.
+        format: Format of the recording; None for the format of the extension of `target`.
     """
 
     name: str
@@ -47,7 +47,7 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
         out: Folder of the recordings, which gets the same tree of folders. A recording has its video's name, without
             the extension unless two would have the same name.
         format: Format of the recordings.
-        limit: Return the first videos only.
+        limit: Number of videos to return, the first ones (default: all).
 
     Raises:
         FileNotFoundError: There is no video.
@@ -88,7 +88,7 @@ def _below(source: Path) -> Iterator[Path]:
 
 
 def is_fatal(error: OSError, video: Path) -> bool:
-    """Return whether an error with a video is one of the disk or the folder, so that other videos would fail, too."""
+    """Return whether an error with a video is one of the disk or the folder, which would fail other videos, too."""
     if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
         return False
     return error.errno in FATAL

@@ -1,4 +1,4 @@
-"""Manifest of a folder of recordings, from which a run resumes: the settings, and a line of JSON per video."""
+"""Manifest of a folder of recordings, by which a run resumes: the settings, and a line of JSON per video."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Manifest(Journal):
         extra: dict[str, Any] | None = None,
         name: str = NAME,
     ) -> None:
-        # as JSON returns it
+        # with the types that JSON returns
         made = json.loads(json.dumps(made))
         digest = hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
         tail = {"settings_sha256": digest, "versions": _versions()}
@@ -69,7 +69,7 @@ class Manifest(Journal):
         if self.head.get("videos") != list(videos):
             self.head["videos"], self._torn = list(videos), True
         self.videos = {line["video"]: line for line in self.lines}
-        self.replaced: dict[str, Path] = {}  # recordings of the videos before a run that overwrites them
+        self.replaced: dict[str, Path] = {}  # if the run overwrites, the earlier recording of each video
 
     def has(self, video: Video, statuses: tuple[str, ...], *, check: bool = False) -> bool:
         """Return whether the video is unchanged, has one of the statuses, and its recording is there.
@@ -85,7 +85,7 @@ class Manifest(Journal):
         )
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
-        """Return the videos, each with the recording that it had before; see `as_before`."""
+        """Return the videos, each with the recording that it had before; see the function `as_before`."""
         return as_before(videos, list(self.videos.values()), self.path.parent)
 
     def add(self, line: dict[str, Any]) -> None:
@@ -95,7 +95,7 @@ class Manifest(Journal):
 
 
 def recording_fault(recording: Path, line: dict[str, Any], *, check: bool) -> str:
-    """Describe the difference of a recording from its line of the manifest; empty if there is none.
+    """Describe how a recording differs from its line of the manifest; empty if it doesn't.
 
     The size is compared, and with `check` the sha256, too.
     """
@@ -130,9 +130,10 @@ def files_of(lines: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
 
 
 def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
-    """Return the videos, each with the recording in `out` that lines of the manifest name.
+    """Return the videos, each with the recording in `out` that the manifest's `lines` name for it, if they do.
 
-    Otherwise a video that was added since, such as a.mp4 next to a.avi, would change the names of others.
+    Otherwise a video that was added since, such as a.mp4 next to a.avi, would change the names of other videos'
+    recordings.
 
     Raises:
         ValueError: Two videos would have the same recording.
@@ -149,13 +150,13 @@ def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Pat
 
 def file_facts(video: Video) -> dict[str, Any]:
     """Return the facts about a video's file for its line of the manifest. OSError if it can't be read."""
-    # before the content is read, so that a change meanwhile has a later time
+    # queried before the content is read, so that a change meanwhile has a later time
     found = video.path.stat()
     return {"bytes": found.st_size, "modified": found.st_mtime_ns, "sha256": sha256(video.path)}
 
 
 def _is_same(path: Path, line: dict[str, Any]) -> bool:
-    """Return whether a video's file is that of its line, by size and time, or by content if the time differs."""
+    """Return whether a video's file is the one in its line: of the same size, and of the same time or content."""
     found = path.stat()
     if found.st_size != line["bytes"]:
         return False
@@ -167,7 +168,7 @@ def _is_same(path: Path, line: dict[str, Any]) -> bool:
 
 
 def _flat(made: dict[str, Any]) -> dict[str, Any]:
-    """Return the settings with those inside "settings" on the same level."""
+    """Return the settings with the entries of the dict "settings" on the same level as the others."""
     return {**(made.get("settings") or {}), **{key: value for key, value in made.items() if key != "settings"}}
 
 

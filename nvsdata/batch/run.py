@@ -1,4 +1,4 @@
-"""Run over a folder of videos, resumed where the last one ended: remaining videos, their results, and a report."""
+"""Run over a folder of videos, which resumes where the last run ended: remaining videos, results, and a report."""
 
 from __future__ import annotations
 
@@ -70,15 +70,15 @@ class FolderReport:
 class FolderRun:
     """Run over a folder of videos, for a `with` block.
 
-    `kept` has those of the `videos` that the manifest lists as done, `waiting` the others, and `report` counts. If the
-    block raises, a line on stderr states how many videos are done.
+    `kept` has the videos that the manifest lists as done, `waiting` the other videos, and `report` the counted results.
+    If the block raises, a line on stderr states how many videos are done.
 
     Args:
-        manifest: Gets a line for each video.
+        manifest: Manifest to which a line is added for each video.
         videos: All videos of the folder.
         done: Statuses of lines whose recordings were made.
-        what: Activity, for the progress bar.
-        resume: Text about how to continue a run that ended early.
+        what: Activity that the progress bar shows.
+        resume: Text that says how to continue a run that ended early.
         check: Whether existing recordings are compared with their sha256.
     """
 
@@ -114,7 +114,7 @@ class FolderRun:
         self.manifest.add(line)
         old = self.manifest.replaced.pop(line["video"], None)
         if line["status"] in self._done and old is not None and old not in self._targets:
-            # it had another name or format
+            # the earlier recording had another name or format
             old.unlink(missing_ok=True)
         self.report.count(line, self._done)
         seconds = max(time.monotonic() - self._started, 1e-3)
@@ -126,7 +126,7 @@ class FolderRun:
         return str(line["file"])
 
     def within(self, fraction: float) -> None:
-        """Show which fraction (0 to 1) of the present video is done."""
+        """Show the fraction (0 to 1) of the present video that is done."""
         self.bar.update(round(self._count + min(fraction, 0.99), 2) - self.bar.n)
 
     def doing(self, what: str) -> None:
@@ -153,8 +153,8 @@ class FolderRun:
 def catch_failure(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Catch the failure of a video in a block that makes its recording.
 
-    `line` gets the reason of a failure, and the number of decoder errors. Errors that would affect the next video, too,
-    are raised: those of the disk, and those of the types `fatal_too`.
+    The reason of a failure, and the number of decoder errors, are added to `line`. Errors that would affect the next
+    video, too, are raised: errors of the disk, and errors of the types `fatal_too`.
     """
     with DecoderErrors() as errors:
         try:

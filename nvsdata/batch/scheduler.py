@@ -1,4 +1,4 @@
-"""Work on many items, in this process, in several processes, or on a Dask cluster."""
+"""Calls of a function for many items, in this process, in several processes, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ PATIENCE_S = 300.0  # s to wait for a worker
 def as_done(
     work: Callable[[Task], Result], items: Sequence[Task], processes: int = 1, scheduler: str | None = None
 ) -> Generator[Result]:
-    """Yield the results of `work` as they are done.
+    """Yield the results of `work` in the order in which they are finished.
 
     Args:
         work: Function of an item.
-        items: Items; those for a cluster have a `name`.
-        processes: Number of processes; 1 works in this one.
-        scheduler: Address of a Dask cluster whose workers do the work instead. A lost worker is replaced by another.
-            Without any, a line on stderr says so, and the items wait for one, at most five minutes.
+        items: Items; for a cluster, each has a `name`.
+        processes: Number of processes; 1 calls `work` in this process.
+        scheduler: Address of a Dask cluster whose workers call `work` instead. A lost worker is replaced by another.
+            If there is no worker, a line on stderr says so, and the items wait for one, at most five minutes.
 
     Raises:
         ImportError: Dask isn't installed (`nvsdata[distributed]`).
@@ -55,7 +55,7 @@ def as_done(
 
 
 def in_order(work: Callable[[Task], Result], items: Sequence[Task], processes: int = 1) -> Generator[Result]:
-    """Yield the results of `work` in the order of the items; processes work a little ahead.
+    """Yield the results of `work` in the order of the items; processes are at most `AHEAD` items each ahead.
 
     Raises:
         OSError: A process was killed.
@@ -80,8 +80,8 @@ def _module_of(work: Callable[..., Any]) -> str:
 
 @contextmanager
 def _workers(count: int, module: str) -> Iterator[Any]:
-    """Start processes that have imported a module; if the block raises, their work is stopped."""
-    others = set(active_children())  # children of the program that calls
+    """Start processes that have imported a module; if the block raises, they are ended."""
+    others = set(active_children())  # children that the calling program started before
     with process_pool(count, module, _prepare) as workers:
         try:
             yield workers
@@ -110,7 +110,7 @@ def _by_cluster(work: Callable[[Task], Result], items: Sequence[Task], scheduler
         from distributed import as_completed as as_completed_there
     except ImportError:
         raise ImportError("a scheduler needs Dask: pip install 'nvsdata[distributed]'") from None
-    # its log would print the traceback of a lost connection, which the error below reports
+    # the client's log would print the traceback of a lost connection, which the error below reports
     with _only_critical(logging.getLogger("distributed.client")), Client(scheduler) as client:
         # not pure: a run that resumes must repeat an item, even if the cluster still has its earlier result
         futures = client.map(work, items, pure=False, retries=RETRIES)
@@ -131,7 +131,7 @@ def _by_cluster(work: Callable[[Task], Result], items: Sequence[Task], scheduler
 
 @contextmanager
 def _only_critical(log: logging.Logger) -> Iterator[None]:
-    """Silence a log below critical messages while the block runs."""
+    """Silence a log, except for critical messages, while the block runs."""
     level = log.level
     log.setLevel(logging.CRITICAL)
     try:
@@ -142,9 +142,9 @@ def _only_critical(log: logging.Logger) -> Iterator[None]:
 
 @contextmanager
 def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[str]]:
-    """Watch the cluster's workers while the block runs; without any for too long, cancel the futures.
+    """Watch the cluster's workers while the block runs; if there is none for `PATIENCE_S`, cancel the futures.
 
-    Yields a list that gets the reason.
+    Yields a list, to which the reason is added then.
     """
     reasons: list[str] = []
 

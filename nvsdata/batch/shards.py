@@ -1,4 +1,4 @@
-"""Manifest of a folder of recordings that one process makes, or several processes, each a shard of the videos."""
+"""Manifests of a folder of recordings that is made by one process, or by several, each for a shard of the videos."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def open_manifest(
 ) -> Iterator[Manifest]:
     """Open the manifest of a folder, or of a shard of it, for a run.
 
-    The manifest of the entire folder takes over the lines of its shards' manifests.
+    A run for the entire folder moves the lines of its shards' manifests to the manifest of the folder.
 
     Args:
         out: Folder of recordings.
@@ -35,7 +35,7 @@ def open_manifest(
         made: Settings that all recordings share.
         videos: Names of the run's videos.
         shard: Shard (i, n), or None for the entire folder.
-        overwrite: Whether to start a new manifest, whose `replaced` has the recordings of the old one.
+        overwrite: Whether to start a new manifest; its attribute `replaced` has the recordings of the old manifest.
 
     Raises:
         OutputInUse: Another process makes the same recordings.
@@ -64,7 +64,8 @@ def open_manifest(
                 yield manifest
         return
     if overwrite:
-        raise ValueError("overwrite doesn't go with shards: others may have made the recordings; use another folder")
+        reason = "other processes may have made the recordings"
+        raise ValueError(f"overwrite can't be combined with shards, because {reason}: use another folder")
     name = OF_SHARD.format(*shard)
     with locked(out / name):
         if is_locked(out):
@@ -72,7 +73,7 @@ def open_manifest(
         _check_count(out, shard)
         sweep(out)
         manifest = Manifest(out, kind, made, videos, name=name)
-        # those of other shards, and the one from before the folder was divided
+        # the manifests of other shards, and that of the folder from before it was divided
         others = [Journal(path, {}) for path in (*sorted(out.glob(ANY)), out / NAME) if path.exists()]
         _check(others, manifest)
         with manifest:
@@ -83,7 +84,7 @@ def open_manifest(
 
 
 def _check_count(out: Path, shard: tuple[int, int]) -> None:
-    """Raise OutputInUse or ValueError if the folder is divided into another number of shards, which would overlap."""
+    """Raise OutputInUse or ValueError if the folder has shards of another number of shards, which would overlap."""
     own = OF_SHARD.format("*", shard[1])
     locks = (out / lock.name[1:].removesuffix(".lock") for lock in out.glob(f".{ANY}.lock"))
     for path in sorted({*out.glob(ANY), *locks}):
@@ -99,7 +100,7 @@ def _check_count(out: Path, shard: tuple[int, int]) -> None:
 
 
 def _check(others: list[Journal], manifest: Manifest) -> None:
-    """Raise ValueError if one of the manifests has other settings."""
+    """Raise ValueError if one of the `others` has other settings than `manifest`."""
     for one in others:
         if one.head.get("settings_sha256") not in (None, manifest.head["settings_sha256"]):
             raise ValueError(f"{one.path} has recordings made with other settings: choose another folder")

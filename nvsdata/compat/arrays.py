@@ -1,4 +1,4 @@
-"""Events of Metavision, spikingjelly and dv-processing."""
+"""Conversion of events from and to the arrays of Metavision, spikingjelly and dv-processing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.data.events import Events
 
 EVENT_CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
-"""Metavision's EventCD."""
+"""Type of Metavision's events, EventCD."""
 
 
 def to_metavision(events: Events) -> np.ndarray:
@@ -121,7 +121,7 @@ def from_event_store(store: Any, sensor_size: tuple[int, int] | None = None) -> 
 
 
 def filled(events: Events, kind: np.dtype[Any]) -> np.ndarray:
-    """Return the events as a structured array [N] of a dtype with fields t, x, y and p."""
+    """Return the events as a structured array [N] of the dtype `kind`, which has fields t, x, y and p."""
     out = np.empty(len(events), kind)
     for name in ("t", "x", "y", "p"):
         out[name] = getattr(events, name)

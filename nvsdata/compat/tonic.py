@@ -1,4 +1,4 @@
-"""Events and transforms of tonic. tonic itself isn't imported: its events are structured arrays."""
+"""Conversion of events and transforms from and to tonic, which isn't imported: its events are structured arrays."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ def from_tonic(array: np.ndarray, sensor_size: tuple[int, ...] | None = None) ->
 class FromTonic:
     """A transform of tonic as a transform of nvsdata.
 
-    The transform gets an array of tonic. If it returns such an array, this becomes `Events` again; anything else, such
-    as frames, is returned as it is. A transform that uses random numbers takes them from numpy's global generator,
-    which the `seed` of a dataset doesn't set.
+    The transform gets an array of tonic's events. If it returns such an array, the array becomes `Events` again;
+    anything else, such as frames, is returned unchanged. Transforms that use random numbers take them from numpy's
+    global generator, which the `seed` of a dataset doesn't set.
 
     Args:
         transform: Transform of tonic, such as `tonic.transforms.Denoise(10_000)`.
@@ -82,7 +82,8 @@ class FromTonic:
 class ForTonic:
     """A transform of nvsdata as a transform of tonic.
 
-    The transform gets `Events`. If it returns `Events`, these become an array of tonic again.
+    The transform gets `Events`. If it returns `Events`, these become an array of tonic's events again; anything else is
+    returned unchanged.
 
     Args:
         transform: Transform of nvsdata, such as `T.ToFrames(10)`.

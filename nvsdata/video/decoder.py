@@ -1,4 +1,4 @@
-"""Decoding of video files by OpenCV, which returns the stored luma where a file has it.
+"""Decoding of video files by OpenCV: to the stored luma alone, if that is enough and the file's format allows it.
 
 Most codecs store luma and chroma. OpenCV converts them to colors, which takes a quarter of its time, and its fast
 conversion shifts luminance by up to 2.5 levels of 255. For pixel formats that begin with luma, OpenCV can return luma
@@ -30,7 +30,7 @@ LUMA_FIRST = frozenset(
     cv2.VideoWriter.fourcc(*name) for name in ("I420", "IYUV", "YV12", "NV12", "422P", "Y42B", "444P", "Y800", "GREY")
 )
 COARSE = 3  # gray levels by which OpenCV's colors may be off
-LEAST_FRACTION = 0.99  # fraction of pixels that must be within that difference
+LEAST_FRACTION = 0.99  # fraction of pixels that must be off by at most `COARSE`
 CONTRAST = 5  # standard deviation, in gray levels, from which the contrast of a frame can be measured
 
 
@@ -81,7 +81,7 @@ def decode_video(path: Path, color: bool) -> Iterator[VideoFrame]:
 
 
 def _begin(path: Path, color: bool) -> tuple[Any, np.ndarray | None, tuple[int, int] | None]:
-    """Return OpenCV's reader, the first frame, and the luma values of black and white (None if frames have colors)."""
+    """Return OpenCV's reader, the first frame, and the luma values of black and white; None for frames with colors."""
     reader, options = _opened(path)
     first = reader.read()[1]
     if not color and first is not None and int(reader.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) in LUMA_FIRST:
@@ -97,7 +97,7 @@ def _begin(path: Path, color: bool) -> tuple[Any, np.ndarray | None, tuple[int, 
 
 
 def length_of(path: Path) -> tuple[int, float]:
-    """Return the number of frames and the seconds that a video's container states; 0 for a missing value."""
+    """Return the number of frames and the duration in s that a video's container states; 0 for a missing value."""
     with quiet():
         reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         try:
@@ -135,7 +135,7 @@ def _same_contrast(gray: np.ndarray, known: np.ndarray) -> bool:
 
 
 def _opened(path: Path) -> tuple[Any, list[int]]:
-    """Open a video; return OpenCV's reader and its options.
+    """Open a video; return OpenCV's reader and the options with which it was opened.
 
     Small frames are decoded in one thread, because several threads would only wait for each other.
     """
@@ -153,7 +153,7 @@ def _opened(path: Path) -> tuple[Any, list[int]]:
 # OpenCV 5 moved this module, and OpenCV 4 has no names for its levels
 logging = getattr(cv2.utils, "logging", cv2)
 ERRORS_ONLY = 2
-# FFmpeg's own messages don't name the video, but our errors do. OpenCV reads this when it opens its first video
+# silences FFmpeg's messages, which don't name the video; nvsdata's errors do. OpenCV reads this with its first video
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 _quiet_lock = Lock()
@@ -164,8 +164,8 @@ _quiet = {"streams": 0, "level": 0}
 def quiet() -> Iterator[None]:
     """Silence OpenCV's warnings in the entire process while the block runs.
 
-    OpenCV warns that luma isn't color, and that a broken file can't be opened. Our error says the latter, with the
-    file's name.
+    OpenCV warns that luma isn't color, which is intended, and that a broken file can't be opened, which nvsdata's error
+    says with the file's name.
     """
     with _quiet_lock:
         if _quiet["streams"] == 0:

@@ -1,8 +1,8 @@
 """Counter of errors that FFmpeg's decoders report.
 
 FFmpeg decodes a damaged stream to smeared frames, and OpenCV reports nothing. FFmpeg calls a function for each
-message. OpenCV's function prints them without the video's name; ours counts the errors. It is compiled, because
-FFmpeg's threads call it about five times per frame.
+message. OpenCV's function prints messages without the video's name; nvsdata's function counts errors. It is compiled,
+because FFmpeg's threads call it about five times per frame.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import cv2
 from nvsdata.kernels import _native
 from nvsdata.video.decoder import quiet
 
-# in OpenCV's wheels for Linux and macOS; in that for Windows another library contains FFmpeg, without this function
+# FFmpeg's library in OpenCV's wheels for Linux and macOS; the wheel for Windows has FFmpeg in a library that doesn't
+# export `av_log_set_callback`
 LIBRARIES = "../opencv*.libs/libavutil*", ".dylibs/libavutil*"
 
 
@@ -58,22 +59,22 @@ class DecoderErrors:
 
 
 def decoder_errors() -> int:
-    """Return the number of errors of this process's decoders since the first call; 0 where they can't be counted."""
+    """Return the number of errors of this process's decoders since the first call; 0 if they can't be counted."""
     return _native.counted_errors() if _counts() else 0
 
 
 @cache
 def _counts() -> bool:
-    """Make FFmpeg call the function that counts.
+    """Make FFmpeg call the function that counts errors; return whether that was possible.
 
-    Returns False if FFmpeg's library isn't where OpenCV's wheels have it, or if the user set FFmpeg's log level.
+    It isn't possible if FFmpeg's library isn't where OpenCV's wheels have it, or if the user set FFmpeg's log level.
     """
     home = Path(cv2.__file__).parent
     libraries = [path for pattern in LIBRARIES for path in home.glob(pattern)]
     if not libraries or os.environ.get("OPENCV_FFMPEG_LOGLEVEL") != "-8":
         return False
     with quiet():
-        # OpenCV sets its own function with the first video
+        # with its first video, OpenCV sets its own function, which would replace this one
         cv2.VideoCapture("", cv2.CAP_FFMPEG).release()
     try:
         ctypes.CDLL(str(libraries[0])).av_log_set_callback(ctypes.c_void_p(_native.error_counter()))

@@ -1,4 +1,4 @@
-"""Frames of video files, cameras, folders of images, recordings and arrays: one function for all of them."""
+"""Frames of video files, cameras, folders of images, recordings and arrays, all by the function `frames_of`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def frames_of(
 ) -> Iterator[VideoFrame]:
     """Yield the frames of a video.
 
-    Times count from the first frame; those in a camera's own clock stay as they are.
+    Times of video files, cameras and arrays count from the first frame. Recordings, folders of images and `VideoFrame`s
+    keep their own times.
 
     Args:
         video: A video file, a folder of images with a list of their times, a camera's number, a recording that has
@@ -46,11 +47,11 @@ def frames_of(
         times: Times of the frames in µs, in place of the video's own.
         size: (width, height) in pixels that frames are scaled to (default: unchanged).
         view: Part of the video, and how frames are fitted to `size` (default: all of it, stretched).
-        color: Whether colors are needed; if not, a file may give luma alone, which is faster.
+        color: Whether colors are needed; if not, frames of a file may be luma alone, which is faster.
 
     Raises:
         FileNotFoundError: There is no such video.
-        FormatError: It can't be decoded.
+        FormatError: The video can't be decoded.
         TruncatedVideo: At the end of a file that was cut off.
         ValueError: Parameters or frames are wrong.
 
@@ -84,7 +85,7 @@ def frames_of(
 
 
 def regular_times(fps: float, first: int = 0) -> Iterator[int]:
-    """Return the times in µs of all frames from number `first` on, at `fps` frames per second.
+    """Return an endless iterator over the times in µs of frames from number `first` on, at `fps` frames per second.
 
     Example:
         >>> times = regular_times(25)
@@ -95,7 +96,7 @@ def regular_times(fps: float, first: int = 0) -> Iterator[int]:
 
 
 def _at(times: Iterable[int], frames: Iterator[VideoFrame]) -> Iterator[VideoFrame]:
-    """Yield the frames at other times (µs)."""
+    """Yield the frames with `times` (µs) in place of their own. ValueError if there are fewer times than frames."""
     given = iter(times)
     for n, frame in enumerate(frames):
         moment = next(given, None)
@@ -105,7 +106,7 @@ def _at(times: Iterable[int], frames: Iterator[VideoFrame]) -> Iterator[VideoFra
 
 
 def _from_camera(number: int) -> Iterator[VideoFrame]:
-    """Yield the frames of a camera, which has this number in OpenCV, with the times of their arrival."""
+    """Yield the frames of the camera that has this number in OpenCV, with the times at which they arrive."""
     capture = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():
@@ -121,7 +122,7 @@ def _from_camera(number: int) -> Iterator[VideoFrame]:
 
 
 def _from_arrays(frames: Iterable[Any]) -> Iterator[VideoFrame]:
-    """Yield frames of arrays and image files; those that are `VideoFrame`s already keep their times."""
+    """Yield frames made of arrays and image files; `VideoFrame`s are yielded unchanged."""
     times = regular_times(USUAL_RATE)
     for n, given in enumerate(frames):
         if isinstance(given, VideoFrame):

@@ -16,14 +16,14 @@ from nvsdata.video.video_frame import VideoFrame, read_image
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"}
 LISTS = ("images.txt", "timestamps.txt", "image_timestamps.txt", "timestamp.txt")
-LONGEST = 2_000_000  # µs between frames; whole numbers that are further apart are ns
+LONGEST = 2_000_000  # µs between frames; times in whole numbers that would be further apart are in ns
 DEPTHS = (8, 10, 12, 16)  # bits per pixel of cameras
 
 
 def read_recording(recording: Recording) -> Iterator[VideoFrame]:
-    """Yield a recording's own frames, at the middle of their exposure in the events' clock (µs).
+    """Yield a recording's own frames, at the midpoint of their exposure in the events' clock (µs).
 
-    The brightest value of all frames determines their number of bits.
+    The number of bits per pixel is taken to be the smallest that a camera has and the brightest value needs.
 
     Raises:
         ValueError: The recording has no frames, a frame doesn't show the entire sensor, or times don't rise.
@@ -51,8 +51,8 @@ def read_folder(folder: Path) -> Iterator[VideoFrame]:
     """Yield a folder's images at the times (µs) that a list in the folder states.
 
     The list is `images.txt`, with a time and a name per line, or `timestamps.txt`, with a time per line for the images
-    sorted by the numbers in their names. Times with a decimal point are seconds. Whole numbers are µs, or ns if frames
-    would be more than 2 s apart otherwise.
+    sorted by the numbers in their names. Times with a decimal point are in s. Whole numbers are in µs, or in ns if
+    frames would be more than 2 s apart otherwise.
 
     Raises:
         FormatError: There are no images or no times, their numbers differ, a line isn't a time, or times don't rise.
@@ -83,7 +83,7 @@ def _number(path: Path) -> tuple[list[int], str]:
 
 
 def _read(listed: Path) -> tuple[list[str], list[int]]:
-    """Return the names of a list, if it has any, and the times in µs."""
+    """Return the names in a list, if it has any, and its times in µs."""
     names, texts = [], []
     for n, line in enumerate(listed.read_text("utf-8").splitlines(), 1):
         words = line.partition("#")[0].replace(",", " ").split()
@@ -92,7 +92,7 @@ def _read(listed: Path) -> tuple[list[str], list[int]]:
         numbers = [word for word in words if re.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?", word)]
         if not numbers or len(words) > 2:
             raise FormatError(listed, f"line {n} is {line!r}, not a time, with a name or without")
-        # the first of two numbers is the frame's
+        # the first of two numbers is the number of the frame, the second its time
         texts.append(numbers[-1])
         names += [word for word in words if word not in numbers]
     if not texts:
@@ -117,7 +117,7 @@ def _microseconds(listed: Path, texts: list[str]) -> list[int]:
 
 
 def _of_seconds(text: str) -> int:
-    """Return the µs of decimal seconds, exactly: float64 would round seconds since 1970."""
+    """Convert a decimal number of seconds to µs, exactly: float64 would round seconds since 1970."""
     if "e" in text.lower():
         return round(float(text) * 1e6)
     whole, _, fraction = text.lstrip("+-").partition(".")

@@ -10,7 +10,8 @@ import numpy as np
 from nvsdata.common.validation import positive
 from nvsdata.video.video_frame import VideoFrame, as_pixels
 
-# position of the image at the start and after each saccade, in pixels; the authors' stabilization undoes the same
+# position of the image at the start and after each saccade, in pixels; the datasets' authors undo the same motion to
+# stabilize recordings
 PATH = ((0.0, 0.0), (3.5, 7.0), (7.0, 0.0), (0.0, 0.0))
 SACCADE = 105_000  # µs
 
@@ -24,7 +25,7 @@ def saccades(
     duration: int = SACCADE,
     background: float = 0.0,
 ) -> Iterator[VideoFrame]:
-    """Yield the frames of a still image that moves along a path in front of a camera, in fractions of pixels.
+    """Yield the frames of a still image that moves along a path in front of a camera, by fractions of pixels.
 
     The default path is that of N-MNIST (Orchard et al. 2015): three saccades of 105 ms that return to the start.
 
@@ -40,7 +41,7 @@ def saccades(
         An iterator over `VideoFrame`s of uint8.
 
     Raises:
-        ValueError: A setting is out of range, the path has no saccade, or `still` isn't an image.
+        ValueError: A setting is out of range, the path has fewer than two points, or `still` isn't an image.
 
     Example:
         >>> frames = list(saccades(np.full((28, 28), 255, np.uint8)))

@@ -1,4 +1,4 @@
-"""Temporal upsampling of videos: frames between frames, by linear interpolation or along the optical flow."""
+"""Temporal upsampling of videos: additional frames, by linear interpolation or along the optical flow."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from nvsdata.video.video_frame import FULL, VideoFrame, stretch_levels
 
 Upsample = Literal["none", "linear", "flow"]
 PIXELS = 1.0  # largest motion from one frame to the next, as in ESIM's adaptive sampling
-CHANGE = 0.5  # largest change of a pixel's logarithm of brightness per step
-DARK = 3.0  # gray levels added before that logarithm
+CHANGE = 0.5  # largest change of the logarithm of a pixel's brightness per step
+DARK = 3.0  # gray levels that are added to the brightness before its logarithm
 MOST = 64  # steps from one frame to the next
-MARGIN = 16  # pixels around a change in which the flow is computed, too
+MARGIN = 16  # pixels around a changed region, in which the flow is computed, too
 SMALLEST = 32  # pixels per side that OpenCV's optical flow needs
 SLIGHT = 0.1  # change of the logarithm of brightness up to which linear interpolation is as good as flow
 FLAT = 2.0  # gray levels; no flow is computed for images without larger differences
@@ -33,20 +33,20 @@ class Region(NamedTuple):
 def upsample_frames(frames: Iterator[VideoFrame], how: Upsample | int) -> Iterator[VideoFrame]:
     """Return the frames, with additional ones (`whole=False`) between frames that differ.
 
-    Parts of the frame that don't change are copied. Bytes stay bytes: they are rounded to whole levels.
+    Parts of the frame that don't change are copied. Pixels of uint8 are rounded to whole levels.
 
     Args:
         frames: Frames of a video.
-        how: "linear" makes a step for each `CHANGE` of the logarithm of brightness where that changes most, and
+        how: "linear" makes steps in which no pixel's logarithm of brightness changes by more than `CHANGE`, and
             interpolates each pixel linearly. "flow" makes steps in which nothing moves by more than `PIXELS` (Rebecq,
             Gehrig and Scaramuzza 2018), along the optical flow (DIS, Kroeger et al. 2016). Both make `MOST` steps at
-            most. A number makes that many linear steps, "none" makes no frames.
+            most. A number makes that many linear steps, "none" makes no additional frames.
     """
     return frames if how in ("none", 1) else _upsampled(frames, how)
 
 
 def _upsampled(frames: Iterator[VideoFrame], how: Upsample | int) -> Iterator[VideoFrame]:
-    """Yield the frames, and others between them."""
+    """Yield the frames, and additional ones between them."""
     last = None
     for frame in frames:
         if last is not None and last.pixels.shape == frame.pixels.shape and last.pixels.dtype == frame.pixels.dtype:
@@ -56,7 +56,7 @@ def _upsampled(frames: Iterator[VideoFrame], how: Upsample | int) -> Iterator[Vi
 
 
 def _between(last: VideoFrame, frame: VideoFrame, how: Upsample | int) -> Iterator[VideoFrame]:
-    """Yield the frames between two."""
+    """Yield the additional frames between two frames."""
     boxes = _changed(last.pixels, frame.pixels, MARGIN if how == "flow" else 0)
     if not boxes:
         return
@@ -80,7 +80,7 @@ def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Region]
     rows = before.view(np.uint8).reshape(height, -1), after.view(np.uint8).reshape(height, -1)
     dirty = np.zeros((-(-height // TILE[0]), -(-width // TILE[1])), np.bool_)
     find_dirty(rows[1], rows[0], rows[0].shape[1] // width * TILE[1], dirty)
-    # wide enough apart that boxes with margins don't overlap
+    # tiles nearer to each other than this share a box, so that boxes with margins don't overlap
     reach = 1 + 2 * (-(-margin // TILE[0]))
     near = cv2.dilate(dirty.astype(np.uint8), np.ones((reach, 3), np.uint8)) if margin else dirty.astype(np.uint8)
     _, labels = cv2.connectedComponents(near)
@@ -98,7 +98,7 @@ def _steps(
     flows: list[tuple[np.ndarray, np.ndarray] | None],
     levels: tuple[int, int],
 ) -> int:
-    """Return the number of steps between two frames in which nothing moves or changes too far."""
+    """Return the least number of steps between two frames such that nothing moves or changes too far per step."""
     most = 0.0
     for (a, b), flow in zip(lines, flows, strict=True):
         if flow is None:
@@ -110,7 +110,7 @@ def _steps(
 
 
 def _change(a: np.ndarray, b: np.ndarray, levels: tuple[int, int]) -> float:
-    """Return the largest change of the logarithm of brightness."""
+    """Return the largest change of the logarithm of a pixel's brightness from image `a` to image `b`."""
     before, after = (image if levels == FULL else stretch_levels(image, levels) for image in (a, b))
     return float(np.abs(np.log((after + DARK) / (before + DARK))).max())
 
@@ -126,7 +126,7 @@ def _flow(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray
         return zero, zero
     more = [(0, max(SMALLEST - side, 0)) for side in before.shape]
     a, b = (np.pad(np.rint(image).astype(np.uint8), more, mode="edge") for image in (before, after))
-    # a new object, because it isn't thread-safe
+    # a new object each time, because it isn't thread-safe
     finder = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     there, back = (finder.calc(*pair, np.zeros((*a.shape, 2), np.float32)) for pair in ((a, b), (b, a)))
     inside = tuple(slice(side) for side in before.shape)
@@ -134,7 +134,10 @@ def _flow(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _warped(before: np.ndarray, after: np.ndarray, there: np.ndarray, back: np.ndarray, share: float) -> np.ndarray:
-    """Return the image at a fraction of the way: both, moved along the flow and combined (Jiang et al. 2018)."""
+    """Return the image at the fraction `share` between two: both, moved along the flow, combined (Jiang et al. 2018).
+
+    `there` and `back` are the flows from `before` to `after` and from `after` to `before`.
+    """
     to_before = share * share * back - (1 - share) * share * there
     to_after = (1 - share) * (1 - share) * there - share * (1 - share) * back
     return (1 - share) * _moved(before, to_before) + share * _moved(after, to_after)

@@ -11,7 +11,7 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 
-FULL, STUDIO = (0, 255), (16, 235)  # byte values of black and white: all of the range, and as TV studios use it
+FULL, STUDIO = (0, 255), (16, 235)  # byte values of black and white: full range, and limited range as in TV studios
 
 
 class VideoFrame(NamedTuple):
@@ -21,7 +21,7 @@ class VideoFrame(NamedTuple):
         time: Time in µs.
         pixels: Gray [H, W] or colors [H, W, 3], uint8, or float64 from 0 to 255.
         red_first: Whether the order of colors is red, green, blue; else it is blue, green, red.
-        levels: Values of black and white in gray bytes.
+        levels: Values of black and white in gray pixels of uint8.
         whole: False for a frame that upsampling made between two frames of the video.
 
     Example:
@@ -69,7 +69,7 @@ def as_pixels(array: np.ndarray, name: str) -> np.ndarray:
 
 
 def read_image(path: str | os.PathLike[str], name: str) -> np.ndarray:
-    """Read the pixels of an image file, colors blue first; `name` is the frame's in errors of `as_pixels`."""
+    """Read the pixels of an image file, with colors in the order blue, green, red; errors call the frame `name`."""
     check_name(path)
     pixels = cv2.imread(os.fspath(path), cv2.IMREAD_UNCHANGED)
     if pixels is not None:
@@ -93,6 +93,6 @@ def rgb_luminance(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def stretch_levels(luma: np.ndarray, levels: tuple[int, int]) -> np.ndarray:
-    """Return the brightness, float64 from 0 to 255, of luma whose black and white have the values `levels`."""
+    """Return the brightness, float64 from 0 to 255, of luma in which black and white have the values `levels`."""
     black, white = levels
     return np.clip((luma.astype(np.float64) - black) * 255 / (white - black), 0, 255)

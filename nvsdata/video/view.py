@@ -24,11 +24,11 @@ class VideoView:
         start: Seconds from the first frame; times then count from there.
         stop: Seconds from the first frame at which the part ends.
         crop: (x, y, width, height) in pixels of the frames (default: all of each).
-        fit: How frames of another shape are fitted: "pad" shows all and fills the rest with black, "crop" fills the
-            size and cuts what is outside, "stretch" distorts.
+        fit: Way to fit frames of another aspect ratio: "pad" shows the entire frame and fills the rest with black,
+            "crop" fills the size and cuts off what is outside, "stretch" distorts.
 
     Raises:
-        ValueError: The part is empty, or `fit` is none of these.
+        ValueError: The part is empty, or `crop` or `fit` is invalid.
 
     Example:
         >>> import numpy as np

@@ -405,7 +405,7 @@ def test_shards_of_other_settings_are_refused_and_nothing_is_joined(videos, tmp_
     with pytest.raises(ValueError, match="other settings"):
         convert_videos(videos, out, PIX2NVS(threshold=0.5))
     assert (out / "manifest-1-of-2.jsonl").exists()
-    with pytest.raises(ValueError, match="overwrite doesn't go with shards"):
+    with pytest.raises(ValueError, match="overwrite can't be combined with shards"):
         convert_videos(videos, out, shard=(1, 2), overwrite=True)
     report = convert_videos(videos, out)
     assert (report.done, report.kept) == (2, 2)
