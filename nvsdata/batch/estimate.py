@@ -20,7 +20,7 @@ class Estimate:
     Args:
         videos: Number of videos.
         seconds: Time of the run in s.
-        bytes: Size of the recordings.
+        bytes: Size of the recordings in bytes.
         free: Bytes of disk that are free.
         frames: Number of frames of all videos, or None if not estimated.
         reserve: Bytes that must stay free.

@@ -84,7 +84,7 @@ def open_manifest(
 
 
 def _check_count(out: Path, shard: tuple[int, int]) -> None:
-    """Raise OutputInUse or ValueError if the folder has shards of another number of shards, which would overlap."""
+    """Raise OutputInUse or ValueError if the folder was divided into another number of shards, which would overlap."""
     own = OF_SHARD.format("*", shard[1])
     locks = (out / lock.name[1:].removesuffix(".lock") for lock in out.glob(f".{ANY}.lock"))
     for path in sorted({*out.glob(ANY), *locks}):

@@ -44,7 +44,7 @@ def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Itera
 
     Raises:
         FileNotFoundError: the folder doesn't exist; the error names it.
-        OSError: the block raised it; if it named no file, such as for a full disk, it names `path`.
+        OSError: the block or the disk failed; an error without a file name, such as for a full disk, names `path`.
     """
     target = Path(os.path.realpath(path)) if through_link and os.path.islink(path) else Path(path)
     check_place(target)
@@ -81,8 +81,8 @@ def sweep(folder: Path, name: str | None = None) -> int:
     Temporary files of running processes, and of processes on other hosts, stay.
 
     Args:
-        folder: removes files everywhere below it or, with `name`, directly in it.
-        name: removes only temporary files for the file of this name.
+        folder: folder whose temporary files are removed: all below it or, with `name`, those directly in it.
+        name: name of the file whose temporary files are removed (default None: those of all files).
     """
     found = folder.rglob(f".*{PART}") if name is None else folder.glob(f".*{PART}")
     count = 0
@@ -95,10 +95,10 @@ def sweep(folder: Path, name: str | None = None) -> int:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing to `folder` while the block runs, and remove temporary files of killed ones.
+    """Keep other processes from writing to `folder` in the block, and remove temporary files of killed processes.
 
     Raises:
-        OutputInUse: another process writes to it.
+        OutputInUse: another process writes to the folder.
     """
     with locked(folder):
         sweep(folder)
@@ -111,7 +111,7 @@ def claimed(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def creating(path: Path, *, overwrite: bool) -> Iterator[None]:
-    """Keep other processes from writing `path` while the block runs, and remove temporary files of killed ones.
+    """Keep other processes from writing `path` in the block, and remove temporary files of killed processes.
 
     Raises:
         FileExistsError: `path` exists, unless `overwrite`.
@@ -237,7 +237,7 @@ def append_own(path: str | os.PathLike[str]) -> IO[bytes]:
 
 
 def _open_own(path: str, flags: int) -> int:
-    """Open a regular file without following links or waiting for a pipe."""
+    """Open a regular file without following links or waiting for a pipe; return its descriptor."""
     if os.path.islink(path):
         raise OSError(errno.ELOOP, "is a link, which nvsdata doesn't follow for its own files: remove it", path)
     handle = os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)

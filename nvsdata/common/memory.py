@@ -85,12 +85,12 @@ def _missing(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike, 
 class SharedArray:
     """Array of zeros in memory that is shared with processes that are forked or spawned later.
 
-    The memory is an anonymous mapping, which needs no file descriptor (a process may have about a thousand). When it is
-    sent to a spawned process, it moves to torch's shared memory, which needs one.
+    The memory is an anonymous mapping, which needs no file descriptor (a process may have about a thousand). When the
+    array is sent to a spawned process, it moves to torch's shared memory, which needs a descriptor.
 
     Args:
         count: number of values.
-        dtype: their type.
+        dtype: type of the values.
 
     Attributes:
         values: the array, [count].

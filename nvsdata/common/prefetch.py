@@ -131,7 +131,7 @@ _running: dict[Thread, _Queue[Any]] = {}
 
 @atexit.register
 def _end() -> None:
-    """Stop all threads: one that is still in a library's code when Python ends would abort the process.
+    """Stop all threads: a thread that is still in a library's code when Python ends would abort the process.
 
     A user's thread that takes items gets SystemExit: the end of the process must not look like the end of the items.
     """

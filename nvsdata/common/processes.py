@@ -34,8 +34,8 @@ def process_pool(count: int, module: str, prepare: Callable[[], None] | None = N
 
     Args:
         count: number of processes.
-        module: imported before the processes are forked.
-        prepare: called in each process first.
+        module: name of the module that is imported before the processes are forked.
+        prepare: function that each process calls first (default None).
     """
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
     context = get_context(method)

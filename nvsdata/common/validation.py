@@ -18,7 +18,7 @@ def not_negative(name: str, value: float) -> None:
 
 
 def factors(low: float, high: float) -> None:
-    """Raise ValueError unless 0 < `low` <= `high`: the range from which a factor is sampled."""
+    """Raise ValueError unless 0 < `low` <= `high`, as for a range from which a factor is sampled."""
     positive("low", low)
     positive("high", high)
     if high < low:

@@ -129,7 +129,7 @@ def _check_shapes(shapes: list[tuple[int, ...]], pad: bool, name: str = "sample"
 
 
 def _send(batch: Batch) -> tuple[Any, ...]:
-    """Pickle a batch in a worker, with all tensors in one, because torch would send each tensor separately."""
+    """Pickle a batch in a worker, with all tensors joined in one, because torch would send each tensor separately."""
     graphs, targets = batch
     if not (isinstance(graphs, GraphBatch) and isinstance(targets, torch.Tensor)):
         return Batch, tuple(batch)

@@ -153,13 +153,13 @@ class Events:
         return cls.trusted(Columns.empty(0), sensor_size, start, end)
 
     def of(self, columns: Columns) -> Events:
-        """Return events with the given sorted columns, and the sensor size and time range of these events."""
+        """Return events with the given sorted columns, and the sensor size and time range of this object."""
         return Events.trusted(columns, self.sensor_size, self.start, self.stated_end)
 
     def resized(self, columns: Columns, sensor_size: tuple[int, int]) -> Events:
         """Return events of sorted columns on a sensor of another size, with the same time range.
 
-        ValueError for an invalid size, and for events outside it.
+        ValueError for an invalid size, and for events outside the sensor.
         """
         return check_inside(Events.trusted(columns, check_sensor_size(sensor_size), self.start, self.stated_end))
 

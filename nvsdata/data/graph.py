@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @pytree_node
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """A directed graph of events (thesis 4.2.1): nodes are events, edges connect events close in space and time.
+    """A directed graph of events (thesis, section 4.2.1): nodes are events, edges join events near in space and time.
 
     Args:
         x: Node features, float32 [N, F]; polarity as ±1 (F = 1), unless a transform adds others.

@@ -1,4 +1,4 @@
-"""Grids over a sensor: assigns nodes of graphs to cells (thesis 4.2.3, 5.2.3)."""
+"""Grids over a sensor, to whose cells nodes of graphs are assigned (thesis, sections 4.2.3 and 5.2.3)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def check_cluster(cluster: Size) -> None:
 
 
 def grid_shape(sensor_size: Size, cluster: Size) -> Size:
-    """Return the number of columns and rows of clusters that cover the sensor (the ceilings of thesis 4.2.3)."""
+    """Return the number of columns and rows of clusters that cover the sensor (thesis, section 4.2.3)."""
     return math.ceil(sensor_size[0] / cluster[0]), math.ceil(sensor_size[1] / cluster[1])
 
 

@@ -32,7 +32,7 @@ def origin(kind: Pseudo) -> float:
 def pseudo(
     pos: torch.Tensor, t: torch.Tensor, edge_index: torch.Tensor, reach: Reach, kind: Pseudo = "abs"
 ) -> torch.Tensor:
-    """Return the pseudo-coordinates of edges (thesis 4.2.1).
+    """Return the pseudo-coordinates of edges (thesis, section 4.2.1).
 
     Args:
         pos: Positions of nodes in pixels, float32 [N, 2].

@@ -131,7 +131,7 @@ class EventDataset(Samples):
         raise FileNotFoundError(f"{self.root} is not a folder; {self._how_to_get()}")
 
     def _nothing(self, missing: str) -> str:
-        """Return the error message that `missing` isn't below the root, with what is there and how to get the data."""
+        """Return the error message for `missing` data: what is expected and found below the root, where to get it."""
         names = {plain_name(name) for name in (*self.info.classes, *self.aliases, "train", "test")}
         hint = nothing_below(self.root, self.listing, self.info.tree, names)
         return f"{missing} below {self.root}; {hint}; {self._how_to_get()}"
@@ -213,7 +213,7 @@ class EventDataset(Samples):
         return chosen
 
     def _usable(self, samples: Iterable[Any]) -> Iterable[Any]:
-        """Return the samples without those that a store left out; called after the split, which they would change."""
+        """Return the samples without those that a store left out. The split was made before, with all samples."""
         left_out = self.source.left_out
         if not left_out:
             return samples

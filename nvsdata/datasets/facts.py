@@ -63,13 +63,13 @@ class Archive:
 
 @dataclass(frozen=True)
 class ExpectedCount:
-    """Number of recordings of a class as distributed.
+    """Number of recordings of a class in the dataset as distributed.
 
     Args:
         label: name of the class; "" for all classes together.
         count: number of recordings.
         part: part of the dataset, such as "train"; "" if there are no parts.
-        stem: pattern of their names without extension, such as "mnist_3_scale04_{:04d}"; "" if unknown.
+        stem: pattern of the recordings' names without extension, as "mnist_3_scale04_{:04d}"; "" if unknown.
         numbers: numbers that fill in the pattern.
     """
 
@@ -81,7 +81,7 @@ class ExpectedCount:
 
     @property
     def stems(self) -> list[str]:
-        """Names without extension; empty if they aren't known."""
+        """Names of the recordings without extension; empty if they aren't known."""
         return [self.stem.format(number) for number in self.numbers]
 
 
@@ -95,11 +95,11 @@ class Info:
     """Facts about a dataset.
 
     Args:
-        name: in lower case, as commands and recipes take it.
+        name: name of the dataset in lower case, as commands and recipes take it.
         sensor_size: (width, height) in pixels of every recording; None if they differ.
-        classes: names, in the order of their labels.
+        classes: names of the classes, in the order of their labels.
         page: address of the dataset's page.
-        license: as stated or reported.
+        license: license, as stated or reported.
         archives: files to download.
         recordings: number of recordings; 0 if unknown.
         expected_counts: number of recordings of each class; empty if unknown.

@@ -92,8 +92,8 @@ class Samples(Dataset[tuple[Any, Any]]):
         DVS128 Gesture's trials, may be in different ones. The split depends on names alone; see `splits.stratified`.
 
         Args:
-            fraction: of each class in the first dataset, between 0 and 1.
-            seed: of the random split.
+            fraction: fraction of each class that is in the first dataset, between 0 and 1.
+            seed: seed of the random split.
 
         Returns:
             The two datasets.
@@ -139,7 +139,7 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     @property
     def class_weights(self) -> torch.Tensor:
-        """Weight of each class, float32 [classes]: inverse to its number of samples, 0 without any.
+        """Weight of each class, float32 [classes]: inverse to its number of samples; 0 for a class without samples.
 
         The mean weight of a sample is 1. Pass the weights to `CrossEntropyLoss(weight=...)`, or sample all classes
         equally often by `WeightedRandomSampler(ds.class_weights[ds.targets], len(ds))`.
@@ -259,7 +259,8 @@ class Samples(Dataset[tuple[Any, Any]]):
         The recordings are read again to find the reasons.
 
         Returns:
-            The sample's recordings, mapped to "replaced" or "repaired" with the reason. Empty for `errors="raise"`.
+            Paths of each sample's recordings, mapped to "replaced" or "repaired" with the reason. Empty for
+            `errors="raise"`.
         """
         found = {} if self._damage is None else self._damage.found()
         return {" ".join(self._files(self.samples[i])): self._reason(i, what == REPAIRED) for i, what in found.items()}

@@ -156,7 +156,7 @@ class NCaltech101(RandomSplitDataset):
         """Return the bounding box of a sample, with negative corners moved to 0; None if it has no annotation.
 
         Args:
-            index: of the sample.
+            index: index of the sample.
 
         Raises:
             FormatError: the annotation is damaged.

@@ -87,7 +87,7 @@ class Epochs:
 class SeededDataset(Dataset[Any]):
     """A dataset that seeds torch's generator before each sample.
 
-    The samples then depend neither on the number of workers nor on where a run was resumed. `seeded[epoch, index]` is
+    The samples then depend neither on the number of workers nor on where a run was resumed. Item (epoch, index) is
     `dataset[index]` with torch's generator seeded by (seed, epoch, index).
 
     Args:

@@ -133,7 +133,7 @@ class Folder:
         return found
 
     def _from_index(self) -> Listing | None:
-        """Return the listing of the index; None if there is none, a folder has changed, or it is of another folder."""
+        """Return the listing stored in the index; None without an index, or if it doesn't match the folder."""
         try:
             index = load_facts(self.root / INDEX)
             times, files = index["times"], index["files"]
@@ -169,7 +169,7 @@ class Folder:
             pass  # a folder that can't be written to is listed again each time
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
-        """Return the recording with that name."""
+        """Return the recording called `name`, opened but not decoded."""
         return formats.open(os.path.join(self.root, name), sensor_size=sensor_size, strict=strict)
 
     def data(self, name: str) -> bytes:

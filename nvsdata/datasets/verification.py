@@ -45,7 +45,7 @@ def problems(
 
     Raises:
         FileNotFoundError: `root` doesn't exist, or has no recordings.
-        FormatError: a file that isn't a store.
+        FormatError: `root` is a file, but not a store.
     """
     counts = Counter() if counts is None else counts
     if not root.exists():

@@ -61,7 +61,7 @@ class AtisRecording(IndexedFile):
 
     @property
     def _short(self) -> bool:
-        """True if the entire file is decoded for a window; an index would take as long, since it needs every record."""
+        """True if any window decodes the entire file, because an index, which needs every record, takes as long."""
         return self.records <= SHORT * self.block
 
     def decode_window(self, start: int, stop: int) -> Columns | None:

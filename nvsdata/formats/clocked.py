@@ -102,7 +102,7 @@ class ClockedFile(PiecedFile):
         return columns
 
     def _drops(self, state: np.ndarray) -> bool:
-        """Set `_keep` if the `state` after the last record shows damage that `strict=False` drops; return whether."""
+        """Set `_keep` and return True if the `state` after the last record shows damage that must be dropped."""
         if self.strict or state[JUMP] < 0 or self._keep is not None:
             return False
         self._keep = self._kept()

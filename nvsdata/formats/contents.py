@@ -107,7 +107,7 @@ class Contents:
                 yield file.descriptor
 
     def samples(self, start: int, stop: int, step: int, size: int) -> np.ndarray:
-        """Return the `size` bytes at start, start + step, ... before `stop`, uint8 [N, size]."""
+        """Return `size` bytes at each of the offsets start, start + step, ... below `stop`, uint8 [N, size]."""
         out = np.empty((len(range(start, stop, step)), size), np.uint8)
         if not len(out):
             return out
@@ -164,7 +164,10 @@ def header_lines(data: bytes, mark: bytes) -> tuple[list[str], int, bool]:
 
 
 def most_bytes(size: int) -> int:
-    """Return the number of bytes that a compressed file of `size` bytes may expand to. More is damage, or an attack."""
+    """Return the number of bytes to which a compressed file of `size` bytes may expand.
+
+    A file that expands to more is damaged, or an attack.
+    """
     return max(ALWAYS, RATIO * size)
 
 

@@ -150,7 +150,10 @@ class FileRecording(Recording):
             self._repair("invalid times of start and end, left out", 1)
 
     def _check_time(self, first: int, last: int) -> None:
-        """Check that the time range that the file states contains its `first` and `last` event (µs)."""
+        """Drop the time range that the file states unless it contains the times of its `first` and `last` event (µs).
+
+        If `strict`, FormatError instead.
+        """
         assert self._begins is not None
         assert self._ends is not None
         if self._begins <= first and last <= self._ends:
@@ -189,7 +192,7 @@ class FileRecording(Recording):
 
     @property
     def _limits(self) -> tuple[int, int]:
-        """Width and height that coordinates must be below."""
+        """(width, height) below which coordinates must be: the sensor's or, if unknown, the largest supported."""
         return self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
 
     def _inside(self, columns: Sequence[np.ndarray], first: int = 0) -> Sequence[np.ndarray]:

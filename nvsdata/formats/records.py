@@ -195,7 +195,7 @@ class PiecedFile(RecordFile):
 
 
 def _lengthened(column: np.ndarray, kept: int, size: int) -> np.ndarray:
-    """Return a column of `size` events that begins with the first `kept` events of another one."""
+    """Return a column of `size` events that begins with the first `kept` events of `column`."""
     longer = np.empty(size, column.dtype)
     longer[:kept] = column[:kept]
     return longer

@@ -164,8 +164,8 @@ _quiet = {"streams": 0, "level": 0}
 def quiet() -> Iterator[None]:
     """Silence OpenCV's warnings in the entire process while the block runs.
 
-    OpenCV warns that luma isn't color, which is intended, and that a broken file can't be opened, which nvsdata's error
-    says with the file's name.
+    OpenCV warns about frames of luma in place of colors, which are intended. It also warns about broken files, for
+    which nvsdata raises an error that names the file.
     """
     with _quiet_lock:
         if _quiet["streams"] == 0:

@@ -23,7 +23,7 @@ DEPTHS = (8, 10, 12, 16)  # bits per pixel of cameras
 def read_recording(recording: Recording) -> Iterator[VideoFrame]:
     """Yield a recording's own frames, at the midpoint of their exposure in the events' clock (µs).
 
-    The number of bits per pixel is taken to be the smallest that a camera has and the brightest value needs.
+    The brightest value of all frames determines the number of bits per pixel: 8, 10, 12 or 16.
 
     Raises:
         ValueError: The recording has no frames, a frame doesn't show the entire sensor, or times don't rise.

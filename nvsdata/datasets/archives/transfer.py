@@ -185,7 +185,7 @@ def _download(url: str, part: _Part, archive: Archive) -> None:
 
 
 def _transfer(url: str, part: _Part, archive: Archive) -> bool:
-    """Repeat `_one_try`, with growing pauses, as long as new bytes arrive; return whether several tries were needed."""
+    """Repeat `_one_try`, with growing pauses, as long as new bytes arrive; return whether the part came in pieces."""
     most, fruitless, changes, pause = len(part), 0, 0, PAUSE
     while True:
         before = len(part)

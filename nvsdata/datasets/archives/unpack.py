@@ -76,7 +76,7 @@ def first_difference(path: Path, folder: Path, work: Path) -> str:
 
     Args:
         path: the archive.
-        folder: where its entries are; zips in it are compared with folders of their names.
+        folder: folder with its entries; zips in the archive are compared with folders of their names.
         work: a folder for temporary files.
 
     Returns:
@@ -154,7 +154,7 @@ class _Budget:
     files: int
 
     def take(self, size: int, archive: str) -> None:
-        """Subtract a file; DownloadError if that exceeds the limits."""
+        """Subtract a file of `size` bytes; DownloadError, which names `archive`, if that exceeds the limits."""
         self.bytes -= size
         self.files -= 1
         if self.bytes < 0 or self.files < 0:
@@ -199,7 +199,7 @@ def _write(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: Pa
 
 
 def _content(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry) -> IO[bytes]:
-    """Return a stream of the bytes of a file."""
+    """Return a stream of the bytes of a file in an archive."""
     file: IO[bytes] | None
     if isinstance(archive, zipfile.ZipFile):
         assert isinstance(entry.member, zipfile.ZipInfo)

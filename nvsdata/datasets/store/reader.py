@@ -188,7 +188,10 @@ class Store:
         return True
 
     def read(self, number: int, start: int, stop: int) -> Columns:
-        """Return a recording's events with start <= t < stop (µs). Only the part of each column around them is read."""
+        """Return a recording's events with start <= t < stop (µs).
+
+        A recording of up to `CHECKED` bytes is verified first. Of a verified or a larger one, only the window is read.
+        """
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
         verified = self._verified.values[number]
         if not verified and (raw := self._verify(number, start, stop)):
@@ -309,7 +312,7 @@ class StoredRecording(Recording):
 
     @property
     def format(self) -> str:  # type: ignore[override]
-        """Format of the file from which it was packed."""
+        """Format of the file from which the recording was packed."""
         return self._store.formats[self._number]
 
     @property

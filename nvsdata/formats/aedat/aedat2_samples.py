@@ -74,7 +74,7 @@ class Records(NamedTuple):
 
 
 def merged_records(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iterator[Any]:
-    """Yield the `Records` of pieces, sorted by time, because a frame's first records are earlier than its arrival.
+    """Yield the `Records` of pieces, sorted by time: a frame arrives after events that are later than its first data.
 
     ValueError for frames and inertial samples in the layout of a DVS128, which has none.
     """
@@ -100,7 +100,7 @@ class _RecordQueue:
         self._last = 0
 
     def events(self, piece: Events) -> Records:
-        """Return the records of events."""
+        """Return the records of a piece's events."""
         raw = aedat2_encode(*piece.columns, self._layout, *self._size)
         return Records(piece.t, raw.view(np.uint64).reshape(-1))
 

@@ -2,7 +2,7 @@
 
 A file begins with `#!AER-DAT4.0` CR LF, the length of a flatbuffer, and that flatbuffer: the compression, the offset of
 a table at the end, and XML that names the streams. Packets follow: stream and size as int32, then a compressed
-flatbuffer. A packet of events has a vector of structs of 16 bytes, with times in µs. Of each type of stream, the first
+flatbuffer. A packet of events has a vector of structs of 16 bytes, with times in µs. Only the first stream of each type
 is read. The table states the times of each packet, so a window decompresses only the packets that overlap it.
 """
 
@@ -151,7 +151,7 @@ class Aedat4Recording(FileRecording):
 
     @cached_property
     def _file_table(self) -> Packets | None:
-        """The packets of all streams by the table at the file's end; None if it is missing or invalid."""
+        """The packets of all streams, as the table at the file's end lists them; None if it is missing or invalid."""
         if not self.strict or self._end == self._contents.size:
             return None
         try:
@@ -266,7 +266,7 @@ class Aedat4Recording(FileRecording):
     def _leaves_none_out(self, packets: Packets, first: bool, last: bool) -> bool:
         """Return whether a cached index lists all packets of events between the given ones.
 
-        Packets before them are checked, too, if they are the file's `first`, and packets after them if its `last`.
+        If `first` is true, the file may have no packets of events before the given ones; if `last`, none after them.
         """
         begins, ends = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
         begins, ends = begins[not first :] + [self._end] * last, [self._first] * first + ends[: len(ends) - (not last)]
@@ -324,7 +324,7 @@ class Aedat4Recording(FileRecording):
     def _samples(
         self, kind: str, read: Callable[[memoryview], Packed], start: int | None, stop: int | None
     ) -> Iterator[Packed]:
-        """Yield the result of `read` for the packets of a stream; a table shows which are outside the window."""
+        """Yield the result of `read` for each packet of a stream, except for packets that a table shows as outside."""
         check_window(start, stop)
         if kind not in self._streams:
             return
