@@ -34,7 +34,7 @@ def read_author_graphs(path: str | os.PathLike[str], pseudo: Pseudo = "signed") 
         One graph, or S graphs.
 
     Raises:
-        FormatError: If the file is neither.
+        FormatError: If the file is of neither dataset.
     """
     with open(path, "rb") as file:
         try:
@@ -48,7 +48,7 @@ def read_author_graphs(path: str | os.PathLike[str], pseudo: Pseudo = "signed") 
         each = found["graph"].ravel()
         return [_graph(path, g["feature"], g["pos"].astype(np.float32) - 1, g["edge"], *NEAREST, pseudo) for g in each]
     names = [name for name in found if not name.startswith("__")]
-    raise FormatError(path, f"contains neither feature, pseudo and edge nor such a struct `graph`, but {names}")
+    raise FormatError(path, f"contains neither feature, pseudo and edge nor a struct `graph` with them, but {names}")
 
 
 def _graph(

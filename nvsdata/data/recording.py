@@ -151,7 +151,7 @@ class Recording(ABC):
         times = self.frame_times
         last = first + 1 if last is None else last
         if not 0 <= first < times.size or not last < times.size:
-            raise IndexError(f"frames {first} to {last} of {times.size}")
+            raise IndexError(f"there are no frames {first} to {last}: the recording has {times.size}")
         if last < first:
             raise ValueError(f"frame {last} comes before frame {first}")
         return self.read(int(times[first]) + 1, int(times[last]) + 1)

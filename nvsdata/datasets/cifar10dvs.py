@@ -33,8 +33,8 @@ class CIFAR10DVS(RandomSplitDataset):
     """CIFAR10-DVS (Li et al. 2017): CIFAR-10's images moving on a monitor in front of a DVS128.
 
     10,000 recordings of about 1.3 s, `<class>/cifar10_<class>_<n>.aedat` (AEDAT 2), or the later
-    release in AEDAT 4. The axes are those of the camera, with the origin at the top left. Public readers disagree on
-    whether the camera was turned by 90 degrees.
+    release in AEDAT 4. The axes are those of the camera, with the origin at the top left. Public programs that read the
+    dataset disagree on whether the camera was turned by 90 degrees.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.
@@ -68,6 +68,6 @@ class CIFAR10DVS(RandomSplitDataset):
         ),
         recordings=10_000,
         expected_counts=tuple(expected_names(name, f"cifar10_{name}_{{}}", range(1000)) for name in ZIPS),
-        known_from="two public readers",
+        known_from="two public programs that read the dataset",
         tree="<class>/cifar10_<class>_<id>.aedat",
     )

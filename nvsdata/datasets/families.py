@@ -21,7 +21,7 @@ class RandomSplitDataset(EventDataset):
 
     def _check_fold(self, fold: int | None) -> int:
         if fold is not None and fold < 0:
-            raise ValueError(f"fold is the seed of the random split: at least 0, not {fold}")
+            raise ValueError(f"fold, the seed of the random split, must be at least 0, not {fold}")
         return fold or 0
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:

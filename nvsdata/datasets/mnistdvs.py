@@ -74,7 +74,7 @@ class MNISTDVS(EventDataset):
             for d in range(10)
             for scale in SCALES
         ),
-        known_from="the files of digit 0 and a public reader's list of the others",
+        known_from="the files of digit 0, and a list of the others in public code that reads them",
         tree="grabbed_data<digit>/scale<4, 8 or 16>/mnist_<digit>_scale<04, 08 or 16>_<id>.aedat",
     )
     # names of the digits' folders; the folders of the scales, such as "scale4", are below them and name no class

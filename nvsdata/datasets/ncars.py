@@ -52,7 +52,7 @@ class NCARS(EventDataset):
             expected_names("background", "obj_{:06d}_td", range(4_211), "test"),
             expected_names("cars", "obj_{:06d}_td", range(4_396), "test"),
         ),
-        known_from="a public reader",
+        known_from="a public program that reads the dataset",
         tree="n-cars_train/<class>/obj_<id>_td.dat and n-cars_test/<class>/obj_<id>_td.dat",
     )
     aliases: ClassVar[dict[str, str]] = {"car": "cars"}

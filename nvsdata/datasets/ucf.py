@@ -59,8 +59,8 @@ class UCF101DVS(_UCF):
     `trainlist0<k>.txt` and `testlist0<k>.txt` if they are below `root`. Otherwise the rule of these lists is applied:
     groups 7k - 6 to 7k are for testing.
     Recordings below 1 KB are empty; `skipped` lists them. `groups` has the group of each sample.
-    The .mat files are assumed to count y from the bottom of the sensor, as in ASL-DVS, though public readers disagree
-    on this; here y counts from the top.
+    The .mat files are assumed to count y from the bottom of the sensor, as in ASL-DVS, though public programs that read
+    the dataset disagree on this; here y counts from the top.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.
@@ -91,7 +91,7 @@ class UCF101DVS(_UCF):
         license="not stated",
         archives=(Archive("UCF101-DVS.zip", "", (google_drive("1icJFUNJZEofOke-9bizfD-m4643G1ycg"),), "UCF101_DVS"),),
         recordings=13_523,
-        known_from="two public readers' counts; the paper has UCF101's 13,320; no source says what the others are",
+        known_from="two public programs that read it; the paper has UCF101's 13,320; no source explains the difference",
         tree="<Class>/v_<Class>_g<NN>_c<MM>.mat, and perhaps trainlist01.txt and so on",
     )
     aliases: ClassVar[dict[str, str]] = {"Billards": "Billiards"}
@@ -160,7 +160,7 @@ class UCF50DVS(_UCF):
         expected_counts=tuple(
             ExpectedCount(name, count) for name, count in zip(UCF50_CLASSES, UCF50_COUNTS, strict=True)
         ),
-        known_from="the authors' statistics, which are of UCF50's videos; elsewhere 6,676 are counted",
+        known_from="the authors' statistics, which are those of UCF50's videos; another source counts 6,676",
         tree="<Class>/v_<Class>_g<NN>_c<MM>.aedat",
     )
 

@@ -73,13 +73,13 @@ class YUPENNDVS(BottomOriginDataset):
 
     def _check_fold(self, fold: int | None) -> int:
         if fold is not None and fold < 0:
-            raise ValueError(f"fold is the index of the recording to leave out: at least 0, not {fold}")
+            raise ValueError(f"fold, the index of the recording for testing, must be at least 0, not {fold}")
         return fold or 0
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         if self.split_name in ("all", self.source.split) or not found:
             return found
         if self.fold >= len(found):
-            raise ValueError(f"fold must be below the {len(found)} recordings, not {self.fold}")
+            raise ValueError(f"fold must be below the number of recordings, {len(found)}, not {self.fold}")
         left_out = found[self.fold]
         return self._held_out(found, lambda sample: sample is left_out)

@@ -132,7 +132,7 @@ class ClockedFile(PiecedFile):
     def _check_index(self, state: np.ndarray) -> None:
         """Raise FormatError if windows would miss events because of the index; `state` is that after all records."""
         if state[HIDDEN] >= 0:
-            reason = f"{self.block} records over more than 35 minutes: a window could not determine their times"
+            reason = f"{self.block} records take more than 35 minutes: a window can't determine their times"
             raise FormatError(self.path, reason, offset=self._byte(int(state[HIDDEN])))
         if not state[FELL]:
             return

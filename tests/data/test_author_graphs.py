@@ -84,7 +84,7 @@ def test_arrays_of_other_shapes_are_told(tmp_path, change, message):
         read_author_graphs(released(tmp_path / "a.mat", **good | change))
     (graph,) = read_author_graphs(released(tmp_path / "a.mat", **good))
     assert (graph.y, graph.t.tolist(), graph.t.dtype, graph.reach) == (None, [0, 0], torch.int64, (3.0, 3.0))
-    with pytest.raises(FormatError, match=r"feature, pseudo and edge nor such a struct `graph`, but \['graph'\]$"):
+    with pytest.raises(FormatError, match=r"feature, pseudo and edge nor a struct `graph` with them, but \['graph'\]$"):
         read_author_graphs(released(tmp_path / "b.mat", graph=np.ones(3)))
 
 

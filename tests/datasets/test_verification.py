@@ -98,7 +98,7 @@ def test_a_complete_folder_is_sound_and_an_incomplete_one_is_not(scenes, tmp_pat
 def test_few_of_many_are_not_all_sound(tmp_path):
     root = trees.put(tmp_path, trees.cifar10dvs())
     found = dict(problems(root, dataset_named("CIFAR10DVS")))
-    assert found["cifar10-dvs"] == "30 recordings, 10,000 expected (two public readers)"
+    assert found["cifar10-dvs"] == "30 recordings, 10,000 expected (two public programs that read the dataset)"
     assert found["bird"].startswith("1,000 of 1,000 recordings are missing: cifar10_bird_0, cifar10_bird_1, ")
     assert found["dog"].startswith("990 of 1,000 recordings are missing: cifar10_dog_10, ")
     assert len(found) == 11

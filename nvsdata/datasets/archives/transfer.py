@@ -181,7 +181,7 @@ def _download(url: str, part: _Part, archive: Archive) -> None:
         part.discard()
         # the pieces may belong to different versions of the file: try once more from the beginning
         if last or not in_pieces:
-            raise _NotHere(f"what it sent {fault}")
+            raise _NotHere(f"the file that the server sent {fault}")
 
 
 def _transfer(url: str, part: _Part, archive: Archive) -> bool:

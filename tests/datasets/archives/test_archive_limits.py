@@ -84,7 +84,7 @@ def test_three_tries_without_a_byte_are_enough(host, get, pauses):
 
 
 def test_another_file_is_asked_for_once(host, get, pauses):
-    with pytest.raises(DownloadError, match="what it sent is another file"):
+    with pytest.raises(DownloadError, match="the file that the server sent is another file"):
         get(host.serve("/a", CONTENT + b"more"))
     assert (host.asked, pauses) == ([("/a", 0)], [])
 

@@ -135,8 +135,8 @@ QUOTA = b"<!DOCTYPE html><html><head><title>Google Drive - Quota exceeded</title
         ({"body": QUOTA, "statuses": [403]}, "HTTP 403 Forbidden: Google Drive's page for a used-up quota"),
         ({"body": CONTENT, "statuses": [410]}, "HTTP 410 Gone"),
         ({"body": CONTENT, "statuses": [503] * 9}, "HTTP 503 Service Unavailable"),
-        ({"body": OTHER}, "what it sent is another file: its md5 is wrong"),
-        ({"body": CONTENT[:-1]}, "what it sent is another file: its md5 is wrong"),
+        ({"body": OTHER}, "the file that the server sent is another file: its md5 is wrong"),
+        ({"body": CONTENT[:-1]}, "the file that the server sent is another file: its md5 is wrong"),
     ],
 )
 def test_what_is_not_the_file_is_said_with_the_way_out(host, get, answer, reason):
