@@ -160,7 +160,7 @@ def _alive(pid: int) -> bool:
 def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
     """Return the lock file, locked and signed by this process."""
     while True:
-        # neither truncated nor exclusive: it may belong to another process, or be left by a dead one
+        # an existing file is opened as it is: it may belong to another process, or be left by a dead one
         try:
             file = os.fdopen(os.open(place, os.O_RDWR | os.O_CREAT | _UNFOLLOWED, 0o666), "r+", encoding="utf-8")
         except (OSError, ValueError):
@@ -181,7 +181,7 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
                 _sign(file)
                 return file
         except BaseException:
-            # such as by a signal: an unsigned lock file couldn't be distinguished from another program's file
+            # an unsigned lock file, such as after a signal, couldn't be distinguished from another program's file
             if free and _is_still(file, place):
                 place.unlink()
             file.close()

@@ -299,7 +299,7 @@ def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int |
     None for `start` or `stop` is without bound; all other None mean unknown.
     """
     if end is None:
-        # without the end, the true start isn't known either
+        # without `end`, `begin` isn't certain either, so it doesn't limit `start`
         return begin if start is None else start, None
     begin = begin if start is None else start if begin is None else max(start, begin)
     end = end if stop is None else min(stop - 1, end)

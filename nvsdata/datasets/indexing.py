@@ -78,7 +78,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         part = copy(self)
         part.samples = [self.samples[index] for index in indices]
         for name in list(vars(part)):
-            # cached values that were computed from all samples
+            # drop cached values, which were computed from all samples
             if isinstance(getattr(type(self), name, None), cached_property) and name not in self.independent:
                 del vars(part)[name]
         part._count()

@@ -19,7 +19,7 @@ import numpy as np
 
 from nvsdata.common.files import MOST, PART, atomic, crc32, read_own, sweep
 
-VERSION = 2  # of the cached arrays, and of the kernels that compute them
+VERSION = 2  # version of the cached arrays, and of the kernels that compute them
 LEAST = 1 << 23  # bytes; indexes of smaller files aren't cached, because the pass takes less than 20 ms
 SETTLED_NS = 2_000_000_000  # a file that changed more recently may change again without another time stamp
 COMPARED = 8  # random entries of an index that are compared with the file when it is loaded

@@ -22,7 +22,7 @@ from nvsdata.common.errors import DownloadError, shown
 
 MOST_BYTES = 100 << 30  # bytes that an archive may unpack to, including the archives inside it
 MOST_FILES = 1_000_000
-MOST_TIMES, SMALL = 100, 1 << 28  # more than SMALL bytes may be at most this many times the archive's size
+MOST_TIMES, SMALL = 100, 1 << 28  # an archive may unpack to SMALL bytes, or to more if at most this many times its size
 DEEPEST = 3  # levels of archives within archives
 BLOCK = 4096  # bytes of a disk block, to which the sizes of files are rounded up
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
