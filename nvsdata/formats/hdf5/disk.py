@@ -36,7 +36,7 @@ def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
 
 
 class _Disk(io.RawIOBase):
-    """A file that the HDF5 library writes and reads at any offset. Each call succeeds, and for all bytes."""
+    """A file that the HDF5 library writes and reads at any offset. Each call succeeds, with all bytes."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)
