@@ -29,7 +29,7 @@ from structures import hdf5
 import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata import transforms as T
-from nvsdata.batch.folder import sha256
+from nvsdata.batch.manifest import sha256
 from nvsdata.common.files import Journal, crc32, sealed
 from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
 from nvsdata.datasets import source

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterator
@@ -92,9 +91,3 @@ def is_fatal(error: OSError, video: Path) -> bool:
     if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
         return False
     return error.errno in FATAL
-
-
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's content, in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from nvsdata._version import __version__
-from nvsdata.batch.folder import Video, sha256
+from nvsdata.batch.folder import Video
 from nvsdata.common.files import Journal
 
 NAME = "manifest.jsonl"
@@ -181,3 +181,9 @@ def _versions() -> dict[str, str]:
         "numpy": np.__version__,
         "h5py": h5py.__version__,
     }
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's content, in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.batch.folder import Video, sha256
-from nvsdata.batch.manifest import file_facts
+from nvsdata.batch.folder import Video
+from nvsdata.batch.manifest import file_facts, sha256
 from nvsdata.batch.run import catch_failure
 from nvsdata.common.files import remove_link
 from nvsdata.data.events import Events

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.batch.folder import Video, is_fatal, sha256
+from nvsdata.batch.folder import Video, is_fatal
+from nvsdata.batch.manifest import sha256
 from nvsdata.common.files import append_own, json_line, remove_link, write_all
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import MICROSECONDS

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from nvsdata import formats
-from nvsdata.batch.folder import Video, sha256
-from nvsdata.batch.manifest import NAME, as_before
+from nvsdata.batch.folder import Video
+from nvsdata.batch.manifest import NAME, as_before, sha256
 from nvsdata.common.files import Journal
 from nvsdata.common.locks import locked
 from nvsdata.common.progress import bar

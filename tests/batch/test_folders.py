@@ -10,8 +10,8 @@ from clips import write_video
 
 from nvsdata.batch import manifest as module
 from nvsdata.batch import run as runs
-from nvsdata.batch.folder import Video, check_name, is_fatal, sha256, videos_in
-from nvsdata.batch.manifest import Manifest, file_facts
+from nvsdata.batch.folder import Video, check_name, is_fatal, videos_in
+from nvsdata.batch.manifest import Manifest, file_facts, sha256
 from nvsdata.batch.run import FolderReport, FolderRun, catch_failure
 from nvsdata.common.errors import FormatError
 from nvsdata.emulation import PIX2NVS

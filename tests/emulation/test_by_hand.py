@@ -13,7 +13,8 @@ from test_pix2nvs import clip, looks_everywhere
 import nvsdata
 from nvsdata import Events
 from nvsdata.batch import scheduler
-from nvsdata.batch.folder import Video, sha256
+from nvsdata.batch.folder import Video
+from nvsdata.batch.manifest import sha256
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.convert import default_out, plan
 from nvsdata.emulation.imperfections import Imperfections

@@ -8,7 +8,8 @@ import pytest
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.batch.folder import Video, sha256
+from nvsdata.batch.folder import Video
+from nvsdata.batch.manifest import sha256
 from nvsdata.recording.capture import RecordingReport
 from nvsdata.rig import take
 from nvsdata.rig.clock_fit import ClockFit

@@ -12,7 +12,8 @@ import pytest
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.batch.folder import Video, sha256, videos_in
+from nvsdata.batch.folder import Video, videos_in
+from nvsdata.batch.manifest import sha256
 from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.rig import batch, status, take, verification, watch
