@@ -11,13 +11,19 @@ import contextlib
 import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
+from unittest import mock
+
+from nvsdata.cli import main
 
 FENCE = re.compile(r"^(?P<mark>```+)(?P<kind>\w*)[^\n]*\n(?P<code>.*?)^(?P=mark)[ ]*$", re.MULTILINE | re.DOTALL)
+# a command without anything of the shell
+PLAIN = re.compile(r"nvsdata [^|&;<>$`*?~(){}]+|\s*")
 NOT_RUN = re.compile(r"<!-- not run: (?P<why>[^>]+?) -->\s*\Z")
 
 
@@ -69,17 +75,17 @@ def run_page(page: Path, folder: Path) -> int:
 
 
 def _python(code: str, names: dict[str, object], folder: Path, where: str) -> str:
-    before, printed = Path.cwd(), io.StringIO()
-    os.chdir(folder)
-    try:
-        with contextlib.redirect_stdout(printed):
-            exec(compile(code, where, "exec"), names)
-    finally:
-        os.chdir(before)
+    printed = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+        exec(compile(code, where, "exec"), names)
     return printed.getvalue()
 
 
 def _shell(code: str, folder: Path) -> str:
+    commands = code.replace("\\\n", "").splitlines()
+    if all(PLAIN.fullmatch(command) for command in commands):
+        # in this process, which has imported torch
+        return "".join(_command(command, folder) for command in commands)
     # by this Python, whether or not its environment is activated
     own = f'nvsdata() {{ "{sys.executable}" -m nvsdata "$@"; }}\npython() {{ "{sys.executable}" "$@"; }}\n'
     done = subprocess.run(
@@ -94,6 +100,23 @@ def _shell(code: str, folder: Path) -> str:
     if done.returncode:
         raise RuntimeError(f"exit code {done.returncode}: {done.stderr[-2000:] or done.stdout[-2000:]}")
     return done.stdout
+
+
+def _command(command: str, folder: Path) -> str:
+    printed, errors = io.StringIO(), io.StringIO()
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(errors),
+        mock.patch.dict(os.environ, SDL_VIDEODRIVER="dummy"),
+    ):
+        try:
+            code = main(shlex.split(command, comments=True)[1:])
+        except SystemExit as end:
+            code = end.code
+    if code:
+        raise RuntimeError(f"exit code {code}: {errors.getvalue()[-2000:] or printed.getvalue()[-2000:]}")
+    return printed.getvalue()
 
 
 def _alike(printed: str, expected: str) -> bool:

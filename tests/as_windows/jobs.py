@@ -37,7 +37,7 @@ def recordings_to_batches(folder, recordings):
     for _ in range(2):
         # the second time from the cache
         cached = nvsdata.cache(dataset, folder / "cache")
-        batches = list(DataLoader(cached, 2, num_workers=2, collate_fn=nvsdata.collate))
+        batches = list(DataLoader(cached, 2, num_workers=1, collate_fn=nvsdata.collate))
         assert sum(len(batch.targets) for batch in batches) == 4
     command("pack", recordings, "--dataset", "folder", "--out", folder / "all.h5")
     command("pack", recordings, "--dataset", "folder", "--out", folder / "all.h5", "--overwrite")

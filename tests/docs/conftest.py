@@ -1,5 +1,6 @@
 """A folder with what the documentation's snippets talk about."""
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -13,9 +14,10 @@ DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))
 
 
-@pytest.fixture
-def desk(tmp_path):
-    """A working folder: datasets, recordings and videos by the names that pages use."""
+@pytest.fixture(scope="session")
+def furnished(tmp_path_factory):
+    """Datasets, recordings and videos by the names that pages use."""
+    tmp_path = tmp_path_factory.mktemp("desk")
     trees.put(tmp_path / "N-MNIST", trees.nmnist())
     trees.put(tmp_path / "UCF101-DVS", trees.ucf101dvs())
     events = nvsdata.example().window(0, 100_000)
@@ -28,3 +30,9 @@ def desk(tmp_path):
             write_video(tmp_path / f"ucf101/{label}/{n}.avi", moving_square(6))
     write_video(tmp_path / "video.mp4", moving_square(6))
     return tmp_path
+
+
+@pytest.fixture
+def desk(furnished, tmp_path):
+    """A working folder with what pages talk about."""
+    return Path(shutil.copytree(furnished, tmp_path, dirs_exist_ok=True))

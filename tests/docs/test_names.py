@@ -98,8 +98,13 @@ def is_option(name):
     return f'"{name}"' in sources("nvsdata", "recipes", "tests")
 
 
+@cache
+def words():
+    return set(re.findall(r"\w+", sources("nvsdata", "recipes", "tests")))
+
+
 def is_identifier(name):
-    return re.search(rf"\b{name}\b", sources("nvsdata", "recipes", "tests")) or is_file(f"{name}.py")
+    return name in words() or is_file(f"{name}.py")
 
 
 CHECKS = {

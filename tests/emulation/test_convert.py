@@ -269,8 +269,10 @@ def test_a_cluster_without_workers_ends_the_run_which_resumes(videos, tmp_path, 
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(scheduler, "CHECK_S", 0.1)
     monkeypatch.setattr(scheduler, "PATIENCE_S", 0.5)
+    # a client that ends looks for a lost scheduler for this long, 30 s unless set
+    timeout = pytest.importorskip("dask").config.set({"distributed.comm.timeouts.connect": "1s"})
     there = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
-    with distributed.LocalCluster(**there) as local:
+    with timeout, distributed.LocalCluster(**there) as local:
         seen = []
         real = convert.as_done
 
