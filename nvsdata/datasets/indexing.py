@@ -109,7 +109,8 @@ class Samples(Dataset[tuple[Any, Any]]):
         """Hold out about a fraction of each class for validation, each file independently of all other files.
 
         A hash of class and file name decides about each file, so adding or removing files later moves no other file.
-        All windows and labeled parts of one class and one file are in the same dataset.
+        All windows and labeled parts of one class and one file are in the same dataset. So are recordings of the same
+        scene, if the dataset knows them by their names (N-CARS).
 
         Args:
             fraction: approximate fraction to hold out, between 0 and 1.
@@ -120,13 +121,24 @@ class Samples(Dataset[tuple[Any, Any]]):
         Raises:
             ValueError: unless 0 < fraction < 1, or if one of the two datasets would have no recordings of a class.
         """
-        return self._halves(lambda files: held_out(files, fraction))
+        return self._halves(lambda files: held_out(files, fraction), self._scene)
 
-    def _halves(self, split: Callable[[list[tuple[str, str]]], tuple[list[int], list[int]]]) -> tuple[Self, Self]:
-        """Split into two datasets by file; `split` gets the (class, name without folder and extension) of all files."""
+    def _scene(self, stem: str) -> str:
+        """Return the name of the scene of a file: files of one scene are held out together. By default its own."""
+        return stem
+
+    def _halves(
+        self,
+        split: Callable[[list[tuple[str, str]]], tuple[list[int], list[int]]],
+        group: Callable[[str], str] = str,
+    ) -> tuple[Self, Self]:
+        """Split into two datasets by file.
+
+        `split` gets the (class, group) of all files, `group` a file's name without folder and extension.
+        """
         groups: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):
-            files = " ".join(name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in self._files(sample))
+            files = " ".join(group(name.rsplit("/", 1)[-1].rsplit(".", 1)[0]) for name in self._files(sample))
             groups.setdefault((self.classes[sample.label], files), []).append(index)
         members = list(groups.values())
         first, second = (sorted(chain.from_iterable(members[n] for n in side)) for side in split(list(groups)))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from places import SHARED
 
-from nvsdata import NMNIST
+from nvsdata import NCARS, NMNIST
 from nvsdata.datasets import (
     ASLDVS,
     CIFAR10DVS,
@@ -73,6 +73,20 @@ def test_about_the_fraction_of_each_class_is_held_out():
         for name in ("cat", "dog"):
             count = sum(group == name for group, _ in held_back)
             assert abs(count - 2000 * share) < 4 * (2000 * share * (1 - share)) ** 0.5
+
+
+def test_recordings_of_a_scene_of_n_cars_are_held_out_together(tmp_path):
+    for group in ("cars", "background"):
+        (tmp_path / "n-cars_train" / group).mkdir(parents=True)
+        for number in range(3990, 8000, 10):
+            (tmp_path / "n-cars_train" / group / f"obj_{number:06d}_td.dat").touch()
+    parts = [
+        {(sample.label, int(sample.stem.split("_")[1]) // 200) for sample in part.samples}
+        for part in NCARS(tmp_path, "train").hold_out(0.3)
+    ]
+    assert all({label for label, _ in part} == {0, 1} for part in parts)
+    assert parts[0].isdisjoint(parts[1])
+    assert len(parts[0] | parts[1]) == 2 * 21
 
 
 def test_a_class_without_recordings_in_a_part_is_named():
