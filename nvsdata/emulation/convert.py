@@ -46,13 +46,14 @@ def convert_videos(
 ) -> FolderReport:
     """Convert a video, or every video in a folder and its subfolders, to recordings.
 
-    The tree of folders is kept, so class folders stay class folders. `out/manifest.jsonl` has the settings and a line
-    per video. A run that was stopped resumes, and repeats failures. A broken video is reported, and the others are
-    converted. A video that is cut off is converted as far as possible, and counts as failed.
+    Recordings are in the same subfolders as their videos, so class folders stay class folders. `out/manifest.jsonl`
+    has the settings and a line per video. After an interruption, the next call resumes and repeats failed videos. A
+    damaged video is reported, and the others are converted. A truncated video is converted as far as possible, and
+    counts as failed.
 
     Args:
         source: A video, or a folder of videos.
-        out: Folder of the recordings (default: the source's name and "-events", next to it).
+        out: Folder of the recordings (default: next to the source, with its name and "-events").
         settings: The emulator (default: `PIX2NVS()`).
         format: Format of the recordings: "hdf5", "hdf5-gzip" (a third of the size), "aedat2", "aedat3", "aedat4" or
             "text".
@@ -60,23 +61,23 @@ def convert_videos(
         fps: Frames per second, in place of the files' own times.
         jobs: Number of processes.
         view: Part of each video, and how its frames are fitted to `size` (default: all of it, padded with black).
-        limit: Convert the first videos only.
-        scheduler: Address of a Dask cluster that converts instead. It needs `nvsdata[distributed]`, and its workers
-            must see both folders under the same paths.
+        limit: Number of videos to convert, the first ones in order of path (default: all).
+        scheduler: Address of a Dask cluster that converts the videos in place of local processes. It needs
+            `nvsdata[distributed]`, and its workers must see both folders under the same paths.
         shard: (i, n), with i from 1 to n: convert every n-th video from the i-th on. Processes of different shards may
             write to the same folder at the same time. Each has its own manifest, and the next run without shards joins
             them.
         overwrite: Convert all videos again, also if the folder has recordings of other settings.
         check: Compare existing recordings with the sha256 in the manifest, and convert again those that changed
             (default: compare sizes only).
-        preview: Write a film of each video's first minute with its events to `out/.previews`, where there is none.
+        preview: Write a film of each video's first minute with its events to `out/.previews`, unless there is one.
 
     Returns:
         A `FolderReport` with the numbers of recordings and events, and the reasons of failures.
 
     Raises:
         FileNotFoundError: There is no video.
-        ValueError: The folder has recordings of other settings, or frames are larger than any chip of AEDAT 2.
+        ValueError: The folder has recordings of other settings, or frames are larger than any AEDAT 2 sensor.
         OSError: Nothing can be written to `out`.
 
     Example:
@@ -114,7 +115,7 @@ def convert_videos(
 
 
 def _drop_films(old: Path | None, new: Path, out: Path) -> None:
-    """Remove the films of a new recording and of the one that it replaces."""
+    """Remove the preview films of a new recording and of the one that it replaces."""
     for recording in (new,) if old is None else (new, old):
         # a film that can't be removed is older than the recording, and will be replaced
         with suppress(OSError):
@@ -122,7 +123,7 @@ def _drop_films(old: Path | None, new: Path, out: Path) -> None:
 
 
 def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) -> dict[str, str]:
-    """Make the missing films; return the reasons of failures by video."""
+    """Make the missing preview films; return the reason of each failure by video name."""
     missing = [job for job in jobs if _age(preview_of(job.video.target, out)) < _age(job.video.target)]
     with (
         bar(None, "previews", total=len(missing), unit="video") as shown,
@@ -137,7 +138,7 @@ def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) 
 
 
 def _age(path: Path) -> float:
-    """Return the time of a file's last change; minus infinity if there is none."""
+    """Return the time of a file's last change; minus infinity if there is no file."""
     try:
         return path.stat().st_mtime
     except OSError:
@@ -145,7 +146,7 @@ def _age(path: Path) -> float:
 
 
 def _film(job: Job, out: Path) -> tuple[str, str]:
-    """Make a film; return the video's name, and why that failed, or ""."""
+    """Make a preview film; return the video's name and the reason of a failure, "" for success."""
     return job.video.name, save_preview(job, preview_of(job.video.target, out))
 
 
@@ -180,7 +181,7 @@ def plan(
 
 
 def _check_chip(jobs: list[Job]) -> None:
-    """Raise ValueError if the frames of the first readable video are larger than any chip of AEDAT 2."""
+    """Raise ValueError if the frames of the first readable video are larger than any AEDAT 2 sensor."""
     size: tuple[int, int] | None = None
     for job in jobs:
         size = job.size

@@ -10,7 +10,7 @@ from nvsdata.data.events import Events
 
 BLOCKS = 8  # blocks per side of the sensor
 RESAMPLED = 500  # samples of a bootstrap
-LEVEL = 0.95  # of confidence intervals
+LEVEL = 0.95  # confidence level of intervals
 
 
 def pixel_index(events: Events) -> np.ndarray:
@@ -26,7 +26,7 @@ def count_images(events: Events) -> np.ndarray:
 
 
 def correlation(ours: Events, real: Events) -> float:
-    """Return the correlation of the numbers of events per pixel; 0 if they are constant on one side."""
+    """Return the correlation of the numbers of events per pixel; 0 if either side has the same number at all pixels."""
     return pearson(count_images(ours).sum(axis=0), count_images(real).sum(axis=0))
 
 
@@ -38,10 +38,10 @@ def pearson(a: np.ndarray, b: np.ndarray) -> float:
 
 
 class BlockBootstrap:
-    """Samples of blocks of pixels with replacement; the first sample is the sensor itself.
+    """Samples of blocks of pixels with replacement; the first sample has each block once.
 
-    Pixels of a block see the same edges and are correlated, blocks hardly are. There are `BLOCKS` x `BLOCKS` of them
-    (fewer on a smaller sensor), and `RESAMPLED` samples.
+    Blocks are sampled rather than pixels, because nearby pixels record the same edges and are correlated. The sensor is
+    divided into `BLOCKS` x `BLOCKS` blocks (fewer if a side has fewer pixels), and there are `RESAMPLED` samples.
 
     Args:
         shape: Height and width of the sensor.
@@ -61,7 +61,7 @@ class BlockBootstrap:
 
     def correlation(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the correlation of two images [H, W] in each sample, float64 [samples]; 0 if either is constant."""
-        # means are subtracted first, or large values lose their digits
+        # means are subtracted first, because differences of large sums lose precision
         a, b = a - a.mean(), b - b.mean()
         n, x, y = self._pixels, self.sums(a), self.sums(b)
         scale = np.sqrt(np.maximum((self.sums(a * a) - x * x / n) * (self.sums(b * b) - y * y / n), 0))
@@ -75,8 +75,8 @@ class Peak(NamedTuple):
 
     Args:
         places: Vertices of the parabolas through the largest value and its neighbors, float64 [samples].
-        low: Lower end of the confidence interval.
-        high: Upper end.
+        low: Lower end of the 95% confidence interval.
+        high: Upper end of the interval.
     """
 
     places: np.ndarray
@@ -85,7 +85,7 @@ class Peak(NamedTuple):
 
 
 def find_peak(places: np.ndarray, values: np.ndarray) -> Peak:
-    """Return where values [places, samples] are largest; a maximum at an end of `places` stays there."""
+    """Return the peak of each column of `values` [places, samples]; a peak at an end of `places` isn't interpolated."""
     columns = np.arange(values.shape[1])
     best = values.argmax(axis=0)
     middle = best.clip(1, len(places) - 2)

@@ -15,10 +15,10 @@ from nvsdata.video.frames import VideoFrame
 class DVS(DVSSettings, FrameEmulator):
     """Emulator that converts video to events by a model of a sensor's pixels (Lichtsteiner, Posch and Delbruck 2008).
 
-    A pixel sees the logarithm of light, L = ln(q + dark), interpolated linearly between frames, and stores M, its value
-    at the last event. When L - M reaches `on`, or falls to -`off`, the pixel fires, and M moves by this threshold: the
-    rest of the change counts towards the next event. So the number of events doesn't depend on the frame rate, and
-    changes below a threshold add up.
+    The input of a pixel is the logarithm of light, L = ln(q + dark), interpolated linearly between frames. The pixel
+    stores M, the value of L at its last event. When L - M reaches `on`, or falls to -`off`, the pixel fires, and M
+    moves by this threshold: the rest of the change counts towards the next event. So the number of events doesn't
+    depend on the frame rate, and changes below a threshold add up.
 
     Args:
         on: Threshold of ON events; 0.3 is a change of light by 35%.
@@ -26,18 +26,19 @@ class DVS(DVSSettings, FrameEmulator):
         dark: Gray level that is added to the brightness q, which is luminance from 0 to 255.
         upsample: Frames made between frames: "none", "linear", "flow", or a number of linear steps; see
             `video.upsample`.
-        mismatch: Standard deviation of the pixels' thresholds, independent for ON and OFF, relative to `on` and `off`;
-            none is below a tenth of these.
-        cutoff: Bandwidth in Hz of a white pixel's photoreceptor, a low-pass filter of first order. That of a darker
-            pixel is (q + 20) / 275 of it, as in v2e (Hu, Liu and Delbruck 2021), and constant while light changes by
-            10%. 0 for no limit.
-        leak: ON events per second and pixel that occur without a change of light, because M falls. With a leak, pixels
-            begin at random phases.
-        noise_rate: Rate of background activity in Hz of a black pixel; half of it is ON. It falls linearly with
-            brightness to a quarter at white, as in v2e.
+        mismatch: Standard deviation of the pixels' thresholds, independent for ON and OFF, relative to `on` and `off`.
+            Each threshold is at least a tenth of `on` or `off`.
+        cutoff: Bandwidth in Hz of a white pixel's photoreceptor, a low-pass filter of first order; 0 for no limit. At
+            brightness q, the bandwidth is `cutoff` * (q + 20) / 275, as in v2e (Hu, Liu and Delbruck 2021). It is
+            updated when light has changed by about 10%.
+        leak: ON events per second and pixel that occur without a change of light, because M falls. With a leak, L - M
+            starts at a random value between 0 and the ON threshold at each pixel.
+        noise_rate: Rate of background activity of a black pixel in Hz; half of these events are ON. The rate falls
+            linearly with brightness to a quarter at white, as in v2e.
         hot_pixels: Fraction of pixels that fire ON without a change of light.
         hot_rate: Rate at which hot pixels fire, in Hz.
-        refractory: Time in µs after an event during which a pixel can't fire; M still moves by events that it misses.
+        refractory: Time in µs after an event during which a pixel can't fire; M moves as if the suppressed events had
+            occurred.
         bandwidth: Events per second that the readout can pass, 0 for no limit. Events queue, and a pixel can't fire
             while its event waits.
         seed: Seed of all random numbers.
@@ -57,8 +58,8 @@ class DVS(DVSSettings, FrameEmulator):
         return DVSState(self, first)
 
 
-# least contrast, noise at rest and readout by Gallego et al. 2020, Table 1; spread of the thresholds by Lichtsteiner et
-# al. 2008 and Brandli et al. 2014, who don't state it for the other sensors
+# thresholds, noise rates and readout bandwidths are those of Gallego et al. 2020, Table 1; the mismatch is that of
+# Lichtsteiner et al. 2008 (dvs128) and Brandli et al. 2014 (davis240c), and not published for the other sensors
 SENSORS = {
     "ideal": DVS(),
     "dvs128": DVS(on=log(1.17), off=log(1.17), mismatch=0.021 / 0.17, noise_rate=0.05, bandwidth=1e6),

@@ -1,4 +1,4 @@
-"""State of an emulation by DVS: the arrays that it keeps, and the step from frame to frame."""
+"""State of a DVS emulation: its arrays, and the step from one frame to the next."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _sensor(settings: DVSSettings, shape: tuple[int, int], number: Any, table: n
 
 
 def _beginnings(settings: DVSSettings, shape: tuple[int, int], each: np.ndarray) -> np.ndarray:
-    """Return the first levels of pixels minus their memories, [H, W]: random below `on` with a leak, else 0."""
+    """Return L - M of `DVS` at the first frame, [H, W]: random from 0 to the ON threshold with a leak, else 0."""
     if not settings.leak:
         return np.zeros(shape)
     on = each[1] if each.size else settings.on
@@ -76,7 +76,7 @@ def _beginnings(settings: DVSSettings, shape: tuple[int, int], each: np.ndarray)
 
 
 def _levels(frame: VideoFrame, dark: float, number: Any) -> np.ndarray:
-    """Return ln(q + dark) of a frame, [H, W]; float32 logarithms of colors are those of the kernels."""
+    """Return ln(q + dark) of a frame, [H, W]; for 8-bit colors in float32, the kernel's logarithm."""
     q = brightness(frame)
     if number != np.float32 or frame.pixels.ndim == 2 or frame.pixels.dtype != np.uint8:
         return np.asarray(np.log(q + dark).astype(number))
@@ -86,7 +86,7 @@ def _levels(frame: VideoFrame, dark: float, number: Any) -> np.ndarray:
 
 
 def _table(dark: float, first: VideoFrame, number: Any) -> np.ndarray:
-    """Return the level of each gray byte, or of each luminance in thousandths; float32 colors need no table."""
+    """Return ln(q + dark) of each gray byte, or of each luminance in thousandths; empty for colors in float32."""
     if first.pixels.ndim == 2:
         return np.log(stretch_levels(np.arange(256), first.levels) + dark).astype(number)
     return np.empty(0, np.float32) if number is np.float32 else _colors(dark)
@@ -94,5 +94,5 @@ def _table(dark: float, first: VideoFrame, number: Any) -> np.ndarray:
 
 @lru_cache(8)
 def _colors(dark: float) -> np.ndarray:
-    """Return the table for colors; cached, because a folder has many videos."""
+    """Return the table for colors; it is cached, because all videos of a folder use the same."""
     return np.log(np.arange(TABLE_SIZE) / THOUSAND + dark)

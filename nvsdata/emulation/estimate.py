@@ -1,4 +1,4 @@
-"""Estimate of the time and disk of a conversion, from the beginnings of a few of its videos."""
+"""Estimate of the time and disk space of a conversion, from the first frames of a few of its videos."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from nvsdata.batch.estimate import Estimate, evenly_spaced
 from nvsdata.emulation.job import Job
 from nvsdata.video.decoder import length_of
 
-SAMPLES = 5  # videos whose beginning is converted
+SAMPLES = 5  # videos of which the first frames are converted
 LISTED = 200  # videos whose length is read; the others are assumed to be alike
-FRAMES = 60  # frames of a beginning
+FRAMES = 60  # frames that are converted of each sample
 
 
 def estimate_conversion(jobs: Sequence[Job], out: Path, processes: int = 1) -> Estimate:
-    """Return the time and disk that jobs will need.
+    """Return the time and disk space that the jobs will need.
 
     Args:
         jobs: Videos to convert.
@@ -44,7 +44,7 @@ def estimate_conversion(jobs: Sequence[Job], out: Path, processes: int = 1) -> E
 
 
 def _length(job: Job) -> int:
-    """Return the number of frames of a job's part of its video, as the file states it; 0 if unknown."""
+    """Return the number of frames in the converted part of a video, computed from the file's header; 0 if unknown."""
     count, seconds = length_of(job.video.path)
     if not seconds:
         return count

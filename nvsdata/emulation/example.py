@@ -18,7 +18,7 @@ FINE = 2  # points per pixel along each axis, for antialiased edges
 def example(seed: int = 0) -> Events:
     """Return events of a disc, a turning square and a triangle that move over a 240x180 sensor, with some noise.
 
-    Frames of half a second are drawn at 250 per second and converted by `DVS`.
+    The scene lasts half a second. It is drawn at 250 frames per second and converted by `DVS`.
 
     Args:
         seed: Seed of the noise; the same seed gives the same events.
@@ -45,7 +45,7 @@ def _frames() -> Iterator[np.ndarray]:
 
 
 def _around(canvas: np.ndarray, corners: np.ndarray, margin: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a view of the canvas around points, with x [1, W] and y [H, 1] of its points, in pixels."""
+    """Return the part of the canvas around `corners`, with x [1, W] and y [H, 1] of its points in pixels."""
     low = np.floor(FINE * (corners.min(0) - margin)).astype(int)
     high = np.ceil(FINE * (corners.max(0) + margin)).astype(int)
     x, y = ((np.arange(*side, dtype=np.float32) + 0.5) / FINE for side in zip(low, high, strict=True))
@@ -53,7 +53,7 @@ def _around(canvas: np.ndarray, corners: np.ndarray, margin: int = 0) -> tuple[n
 
 
 def _fill(canvas: np.ndarray, corners: np.ndarray, value: int) -> None:
-    """Fill a convex polygon, whose corners are clockwise in image coordinates."""
+    """Fill a convex polygon with a gray value; its corners are clockwise in image coordinates."""
     part, x, y = _around(canvas, corners)
     within = np.ones(part.shape, np.bool_)
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, 0), strict=True):

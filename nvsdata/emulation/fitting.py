@@ -20,10 +20,10 @@ from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
 from nvsdata.video.upsample import upsample_frames
 
 DELAYS = range(-10_000, 20_001, 1_000)  # µs; delays that are tried first
-LATEST = 100_000  # µs; delays from minus to plus this are tried if the best isn't within `DELAYS`
-FOLLOWED = 0.1  # least correlation of polarities with changes of light for events that follow the frames
-ALONE = "delay=0 estimates leak and noise alone"
-ALIKE = 0.5  # correlation of adjacent pixels' changes of light below which they are the frames' own noise
+LATEST = 100_000  # µs; delays of up to this magnitude are tried if the best is at an end of `DELAYS`
+FOLLOWED = 0.1  # correlation of polarities with changes of light from which events follow the frames
+ALONE = "delay=0 estimates leak and noise only"
+ALIKE = 0.5  # correlation of adjacent pixels' changes of light below which the changes are noise of the frames
 PER_PIXEL = 10  # events that an estimate of a pixel's own threshold needs
 
 
@@ -32,18 +32,19 @@ class Fit:
     """Result of `fit`.
 
     Args:
-        settings: The emulator.
-        delay: Time in µs by which events follow the changes between frames: the sensor's own delay, and the time in
-            which light reaches a threshold.
+        settings: The fitted emulator.
+        delay: Time in µs by which events follow the changes between frames: the delay of the sensor, plus the time
+            until a change of light reaches a threshold.
         correlation: Correlation of the numbers of events per pixel, emulated and real.
         thresholds: Thresholds of each pixel, OFF and ON, float64 [2, H, W]; NaN for pixels with too few events.
-        unidentified: Settings that couldn't be estimated and stay as they were, with the reason. If the best `dark` or
-            delay is where the search ends, it is a bound, and has a reason here, too; so has the threshold of a
-            polarity whose number of emulated events differs from the sensor's by more than 5% and chance.
+        unidentified: Settings that couldn't be estimated and keep the values of `base`, each with the reason. A `dark`
+            or delay at the limit of the search is only a bound, and is listed, too. So is the threshold of a polarity
+            whose numbers of emulated and real events differ by more than 5% plus four standard deviations of Poisson
+            counts.
         intervals: 95% confidence intervals of `dark`, the thresholds and the delay, if they were estimated. They are
-            percentiles of a bootstrap over 64 blocks of pixels: each sample of blocks has its own `dark`, thresholds
-            and delay. They contain the effects of noise, mismatch and the choice of pixels, but no errors that all
-            blocks share, such as those of upsampling or blurred frames.
+            percentiles of a bootstrap over 64 blocks of pixels: `dark`, thresholds and delay are estimated for each
+            sample of blocks. The intervals include the effects of noise, mismatch and the choice of pixels, but no
+            errors that all blocks share, such as those of upsampling or blurred frames.
 
     Example:
         >>> import numpy as np
@@ -72,29 +73,28 @@ def fit(
 ) -> Fit:
     """Estimate the thresholds, `dark`, refractory period, leak and noise of a sensor from frames and events.
 
-    The numbers of ON and OFF events determine the thresholds, by emulation. The mean brightness at their pixels
-    determines `dark`: the higher it is, the fewer events dark pixels give.
-    Events under constant light determine noise and leak, and the shortest intervals within pixels the refractory
-    period.
+    Thresholds are chosen so that emulation returns the sensor's numbers of ON and OFF events. `dark` is chosen so that
+    emulated events are at pixels of the same mean brightness: the higher `dark`, the fewer events at dark pixels.
+    Events under constant light determine noise and leak, and the shortest intervals between events of a pixel
+    determine the refractory period.
 
     Args:
         frames: Frames, as `DVS.stream` takes them.
         events: Events of the same sensor and scene.
-        times: Times of the frames in µs of the events' clock (default: the frames' own).
+        times: Times of the frames in µs, by the clock of the events (default: the frames' own times).
         delay: Time in µs by which events follow the frames (default: estimated, between -10 and 20 ms first, and up to
-            100 ms either way). If it is given, a still scene shows leak and noise.
-        base: Settings that a pair doesn't show, such as `upsample` and `mismatch` (default: `DVS()`).
-        noise: Whether leak and noise are estimated; if not, those of `base` stay, and thresholds explain all other
-            events.
+            100 ms either way). With a given delay, leak and noise can be estimated from a still scene.
+        base: Emulator with the settings that aren't estimated, such as `upsample` and `mismatch` (default: `DVS()`).
+        noise: Estimate leak and noise. If False, those of `base` are kept.
 
     Returns:
-        A `Fit`. Its settings give the sensor's numbers of OFF and ON events to within 5%, unless `unidentified` has a
-        reason why not.
+        A `Fit`. With its settings, the numbers of OFF and ON events are within 5% of the sensor's, apart from chance,
+        or else `unidentified` has the reason.
 
     Raises:
-        ValueError: There are fewer than 3 frames, frames and sensor differ in size, frames and events have no time in
-            common, nothing moves and `delay` isn't given, events don't follow the light, or neither threshold can be
-            determined and leak and noise don't give as many events as the sensor.
+        ValueError: There are fewer than 3 frames, frames and sensor differ in size, or their times don't overlap.
+            Nothing moves and `delay` isn't given. Events don't follow the light. Neither threshold can be estimated,
+            and leak and noise don't explain the number of events.
 
     Example:
         >>> import numpy as np
@@ -117,8 +117,8 @@ def fit(
     real = pair.during(delay)
     settings, other = fit_noise(base, pair.light, real, still, unidentified) if noise else (base, NO_EVENTS)
     if still:
-        unidentified |= dict.fromkeys(NAMES, "nothing moves, and only motion shows thresholds")
-    # once for all trials
+        unidentified |= dict.fromkeys(NAMES, "nothing moves, but thresholds need motion")
+    # frames are upsampled once for all trials
     frames = list(upsample_frames(iter(pair.frames), base.upsample))
     moved = count_images(real) - other
     needed = moved.sum(axis=(1, 2))
@@ -129,7 +129,7 @@ def fit(
         intervals |= found
         settings = without_harmful_leak(settings, base, best, frames, real, free, unidentified)
     settings = fit_refractory(settings, best.emulate(frames), real, unidentified)
-    # leak, noise and blindness change how many events a threshold gives
+    # leak, noise and the refractory period change the number of events at a threshold
     given = replace(settings, upsample="none")
     start = replace(given, off=best.off, on=best.on, dark=best.dark)
     matched = fit_thresholds(start, given, frames, real, needed, unidentified)
@@ -145,7 +145,7 @@ def fit(
 
 
 class _AlignedPair:
-    """Frames, and the events around them; times count from the first frame."""
+    """Frames, and the events from shortly before to shortly after them; times (µs) count from the first frame."""
 
     def __init__(self, frames: list[VideoFrame], events: Events | Recording, delay: int) -> None:
         if len(frames) < 3:
@@ -166,16 +166,16 @@ class _AlignedPair:
         self._blocks = BlockBootstrap((height, width))
 
     def during(self, delay: int) -> Events:
-        """Return the events that belong to the frames, at times without the delay."""
+        """Return the events that belong to the frames; the delay (µs) is subtracted from their times."""
         last = self.frames[-1].time
         inside = slice(*np.searchsorted(self.events.t, (delay, last + delay)))
         columns = self.events.columns.take(inside)
         return Events.trusted(columns._replace(t=columns.t - delay), self.events.sensor_size, 0, last)
 
     def delay(self) -> tuple[int, tuple[float, float]]:
-        """Return the delay at which polarities follow the change of light best, and its interval."""
+        """Return the delay (µs) at which polarities follow the change of light best, and its confidence interval."""
         if (np.ptp(self.light, axis=0) < CALM).all():
-            why = f"light changes by less than {CALM:.0%} at each pixel, and only motion shows thresholds and the delay"
+            why = f"light changes by less than {CALM:.0%} at each pixel, but thresholds and delay need motion"
             raise ValueError(f"nothing moves in these frames: {why}; {ALONE}")
         tried = {delay: self._follows(delay) for delay in DELAYS}
         while max(tried, key=lambda delay: tried[delay][0]) == max(tried) < LATEST:
@@ -189,7 +189,7 @@ class _AlignedPair:
         return round(peak.places[0]), (peak.low, peak.high)
 
     def still(self, delay: int) -> bool:
-        """Return True if light is constant apart from the frames' own noise, and events at a delay don't follow it."""
+        """Return True if light changes by noise of the frames only, and events at a delay don't follow the light."""
         return self._noise_only() and self._follows(delay)[0] < FOLLOWED
 
     def check_followed(self, delay: int) -> None:
@@ -199,14 +199,14 @@ class _AlignedPair:
             raise self._unfollowed(f"{found:.2f} with a delay of {delay} µs")
 
     def _noise_only(self) -> bool:
-        """Return True if light changes independently at adjacent pixels; motion changes it alike."""
+        """Return True if light changes independently at adjacent pixels; motion would change them similarly."""
         steps = np.diff(self.light, axis=0)
         steps = steps - steps.mean(axis=(1, 2), keepdims=True)
         rows = pearson(steps[:, 1:], steps[:, :-1])
         return min(rows, pearson(steps[:, :, 1:], steps[:, :, :-1])) < ALIKE
 
     def _follows(self, delay: int) -> np.ndarray:
-        """Return the correlation of summed polarities with the change of light, mean over the frames, [samples]."""
+        """Return the correlation of summed polarities with the change of light, averaged over frames, [samples]."""
         found = []
         for k, (a, b) in enumerate(pairwise(frame.time + delay for frame in self.frames)):
             some = slice(*np.searchsorted(self.events.t, (a, b)))
@@ -218,13 +218,13 @@ class _AlignedPair:
     def _unfollowed(self, correlation: str) -> ValueError:
         hint = f"; if nothing moves, {ALONE}" if self._noise_only() else ""
         return ValueError(
-            f"events don't follow the frames: their correlation is {correlation}; does anything move, and is it one "
-            f"clock?{hint}"
+            f"events don't follow the frames: their correlation is {correlation}; check that something moves, and that "
+            f"both have the same clock{hint}"
         )
 
 
 def check_common(span: tuple[int, int], events: Events | Recording) -> None:
-    """Raise ValueError for events without time in common with frames of this span (µs)."""
+    """Raise ValueError if the times of events don't overlap with this span of the frames (µs)."""
     start, stop = span
     if events.end <= start or events.start >= stop:
         raise ValueError(
@@ -235,7 +235,7 @@ def check_common(span: tuple[int, int], events: Events | Recording) -> None:
 def _matched_intervals(
     intervals: dict[str, tuple[float, float]], best: DVS, matched: DVS, unidentified: dict[str, str]
 ) -> dict[str, tuple[float, float]]:
-    """Return the intervals of what is identified; those of the `best` thresholds are scaled to the matched ones."""
+    """Return the intervals of identified settings and the delay; those of thresholds are scaled to `matched`."""
     kept = {name: ends for name, ends in intervals.items() if name not in unidentified or name == "delay"}
     for name in kept.keys() & {*NAMES}:
         scale = getattr(matched, name) / getattr(best, name)
@@ -244,7 +244,7 @@ def _matched_intervals(
 
 
 def _each(settings: DVS, pair: _AlignedPair, real: Events) -> np.ndarray:
-    """Return each pixel's thresholds: the total rise or fall of its light per ON or OFF event."""
+    """Return each pixel's OFF and ON threshold, [2, H, W]: the total fall or rise of ln(q + dark) per event."""
     steps = np.diff(np.log(pair.gray + settings.dark), axis=0)
     moved = np.stack((np.maximum(-steps, 0).sum(axis=0), np.maximum(steps, 0).sum(axis=0)))
     counts = count_images(real)

@@ -1,4 +1,4 @@
-"""Emulation frame by frame, for all emulators of this package; also of videos that come in parts."""
+"""Emulation frame by frame, for all emulators of this package, and of videos that arrive in parts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nvsdata.video.decoder import USUAL_RATE
 from nvsdata.video.frames import VideoFrame, VideoInput, frames_of, regular_times
 from nvsdata.video.upsample import Upsample, upsample_frames
 
-WORTH = 0.3e-3  # s of emulation per frame from which a separate thread is faster
+WORTH = 0.3e-3  # s of emulation per frame from which emulation in a separate thread is faster
 
 
 class FrameEmulator(ABC):
@@ -60,7 +60,7 @@ class FrameEmulator(ABC):
         times: Iterable[int] | None = None,
         size: tuple[int, int] | None = None,
     ) -> Iterator[Events]:
-        """Yield the events of each frame, those since the frame before, in constant memory.
+        """Yield the events between each frame and the one before, in constant memory.
 
         The first piece belongs to the first frame and is empty. With imperfections, pieces are `Piece`s whose `about`
         counts the events that each imperfection added or removed since the first frame; HDF5 recordings store the last
@@ -145,14 +145,14 @@ class StatefulEmulator:
         times: Iterable[int] | None = None,
         size: tuple[int, int] | None = None,
     ) -> Events:
-        """Return the events of further frames, since the last frame of the call before.
+        """Return the events of further frames, starting at the last frame of the previous call.
 
-        After an error the state is that before the call.
+        After an error, the state is that before the call.
 
         Args:
             frames: Frames, as `PIX2NVS.stream` takes them.
             fps: Frames per second: frame n of all calls is at n / fps s (default: the frames' own times, shifted so
-                that the first follows the last frame of the call before after that frame's duration).
+                that the first frame is one frame interval after the last frame of the previous call).
             times: Times of the frames in µs, rising over all calls, in place of `fps`.
             size: (width, height) in pixels that frames are scaled to (default: unchanged).
 
@@ -201,7 +201,7 @@ class StatefulEmulator:
         return events
 
     def _later(self, frames: Iterator[VideoFrame]) -> Iterator[VideoFrame]:
-        """Yield the frames at times that continue after the last one."""
+        """Yield the frames, with times that continue after the last frame."""
         offset: int | None = 0 if self._last is None else None
         for frame in frames:
             if offset is None:

@@ -16,25 +16,28 @@ from nvsdata.video.frames import VideoFrame
 
 CALM = 0.05  # change of ln(q + 3) up to which light counts as constant
 QUIET = 100.0  # pixels times seconds of constant light that an estimate of noise needs
-RAREST = 0.001  # fraction of the intervals within pixels that may be shorter than the refractory period
-SOONER = 2  # some emulated pixels must fire again this many times sooner than the sensor's
-SHARP = 1.25  # times that period: ten times as many intervals are shorter if it is a sharp limit
-REPEATED = 1_000  # intervals within pixels that an estimate of the refractory period needs
+RAREST = 0.001  # fraction of the intervals between events of a pixel that may be shorter than the refractory period
+SOONER = 2  # factor by which the shortest emulated intervals must be shorter than the sensor's
+SHARP = 1.25  # largest ratio of the 1% to the 0.1% quantile of intervals at a refractory period, which is a sharp limit
+REPEATED = 1_000  # intervals between events of a pixel that an estimate of the refractory period needs
 WORSE = 0.02  # fall of the correlation from which an estimated leak isn't used
-NO_EVENTS = np.zeros((2, 1, 1))  # of leak and noise, OFF and ON, at any pixel
+NO_EVENTS = np.zeros((2, 1, 1))  # OFF and ON events of leak and noise per pixel, if these aren't estimated
 
 
 def fit_noise(
     settings: DVS, light: np.ndarray, real: Events, still: bool, unidentified: dict[str, str]
 ) -> tuple[DVS, np.ndarray]:
-    """Return settings with leak and noise as under constant light, and their OFF and ON events per pixel, [2, H, W].
+    """Estimate leak and noise from the events at pixels under constant light.
 
     Args:
         settings: Settings to change.
         light: ln(q + 3) of the frames, [T, H, W].
         real: Events of the sensor during the frames.
-        still: Whether light counts as constant everywhere.
-        unidentified: Reasons by setting; gets new ones.
+        still: Count light as constant at all pixels.
+        unidentified: Reasons by setting; new ones are added.
+
+    Returns:
+        The settings, and the numbers of OFF and ON events that leak and noise explain at each pixel, float64 [2, H, W].
     """
     calm = (np.ptp(light, axis=0) < CALM) | still
     # the neighborhood of a moving edge isn't calm, either
@@ -42,12 +45,12 @@ def fit_noise(
         calm = calm & np.roll(calm, 1, axis) & np.roll(calm, -1, axis)
     seconds = (real.end - real.start) / 1e6
     if calm.sum() * seconds < QUIET:
-        reason = f"light is constant for {calm.sum() * seconds:.0f} pixels times seconds, {QUIET:.0f} are needed"
+        reason = f"only {calm.sum() * seconds:.0f} pixel-seconds of constant light, {QUIET:.0f} are needed"
         unidentified |= {"leak": reason, "noise_rate": reason}
         return settings, NO_EVENTS
     inside = calm.ravel()[pixel_index(real)]
     off, on = np.bincount(real.p[inside], minlength=2)[:2].tolist()
-    # significantly more ON than OFF events are leak
+    # a significant excess of ON events over OFF events is leak
     more = on - off if on - off > 3 * math.sqrt(on + off) else 0
     leak, common = more / (calm.sum() * seconds), (on + off - more) / (calm.sum() * seconds)
     gray = np.exp(light.mean(axis=0)) - 3
@@ -66,10 +69,10 @@ def without_harmful_leak(
     free: np.ndarray,
     unidentified: dict[str, str],
 ) -> DVS:
-    """Return settings without a leak that makes the places of events worse.
+    """Return the settings without the estimated leak if it lowers the correlation with the sensor's events.
 
-    With a leak, pixels begin at random phases, and many fire at changes far below a threshold: if frames have noise of
-    their own, everywhere.
+    With a leak, pixels start at random distances from their thresholds, so many fire at changes far below a threshold.
+    In noisy frames, such events occur at all pixels.
 
     Args:
         settings: Settings with the leak.
@@ -77,8 +80,8 @@ def without_harmful_leak(
         best: Settings with thresholds to begin with.
         frames: Frames of the scene.
         real: Events of the sensor.
-        free: Whether the thresholds OFF and ON may change.
-        unidentified: Reasons by setting; gets new ones.
+        free: Mask of the thresholds that may change, OFF and ON.
+        unidentified: Reasons by setting; new ones are added.
     """
     if settings.leak == base.leak:
         return settings
@@ -88,7 +91,7 @@ def without_harmful_leak(
     if leaky > other - WORSE:
         return settings
     unidentified["leak"] = (
-        f"with {settings.leak:g} Hz, frame noise moves events: their correlation is {leaky:.2f}, not {other:.2f}"
+        f"a leak of {settings.leak:g} Hz lowers the correlation from {other:.2f} to {leaky:.2f}: the frames are noisy"
     )
     return replace(settings, leak=base.leak)
 
@@ -96,22 +99,24 @@ def without_harmful_leak(
 def fit_refractory(settings: DVS, found: Events, real: Events, unidentified: dict[str, str]) -> DVS:
     """Return settings with the refractory period.
 
-    Real pixels hardly ever fire again within this time, though emulated ones do.
+    Real pixels hardly ever fire again within this period, though emulated ones do.
 
     Args:
         settings: Settings to change.
         found: Events that are emulated without a refractory period.
         real: Events of the sensor.
-        unidentified: Reasons by setting; gets new ones.
+        unidentified: Reasons by setting; new ones are added.
     """
     gaps, ours = event_intervals(real), event_intervals(found)
     if min(gaps.size, ours.size) < REPEATED:
-        unidentified["refractory"] = f"{min(gaps.size, ours.size)} intervals within pixels, {REPEATED} are needed"
+        unidentified["refractory"] = (
+            f"only {min(gaps.size, ours.size)} intervals between events of a pixel, {REPEATED} are needed"
+        )
         return settings
     least, few = np.quantile(gaps, (RAREST, 10 * RAREST)).tolist()
-    # a refractory period cuts intervals off; without it, short ones get rarer gradually, or the scene has none
+    # at a refractory period, intervals end sharply; without one, short intervals get rarer gradually, or there are none
     if few > SHARP * least or np.quantile(ours, RAREST) > least / SOONER:
-        unidentified["refractory"] = "pixels don't fire again soon enough to show it"
+        unidentified["refractory"] = "pixels don't fire again soon enough to reach it"
         return settings
     return replace(settings, refractory=int(least))
 

@@ -9,7 +9,7 @@ import numpy as np
 from nvsdata.data.events import Columns, Events, sort_by_time
 from nvsdata.kernels.emulate.frames import read_out
 
-AT_WHITE = 0.25  # noise of a white pixel relative to that of a black one, as v2e (Hu, Liu, Delbruck 2021) has it
+AT_WHITE = 0.25  # noise of a white pixel relative to that of a black one, as in v2e (Hu, Liu, Delbruck 2021)
 
 
 class ImperfectSensor(Protocol):
@@ -44,7 +44,7 @@ class Imperfections:
         self._random = np.random.default_rng((settings.seed, 3))
         pixels = sensor_size[0] * sensor_size[1]
         self._hot = self._random.permutation(pixels)[: round(settings.hot_pixels * pixels)]
-        # long before any event
+        # long before any event, so that each pixel can fire at once
         self._ready = np.full(pixels, -(2**62), np.int64)
         self._gap = 1e6 / settings.bandwidth if settings.bandwidth else 0.0
         self._busy = 0.0
@@ -57,14 +57,14 @@ class Imperfections:
         return cls(settings, sensor_size) if some else None
 
     def apply(self, events: Events, before: int, now: int, light: np.ndarray | None = None) -> Events:
-        """Return the events as this sensor would.
+        """Return the events with noise, hot pixels, the refractory period and the readout.
 
         If events come faster than the readout passes them on, some are read after `now`.
 
         Args:
             events: Ideal events from `before` to `now`.
-            before: Time in µs.
-            now: Time in µs.
+            before: Start of the interval in µs.
+            now: End of the interval in µs.
             light: Brightness [H, W] from 0 (black) to 1 (white); noise falls linearly with it, down to `AT_WHITE`.
         """
         settings = self.settings

@@ -30,7 +30,7 @@ class Job:
     Args:
         video: The video and its recording.
         settings: The emulator.
-        size: (width, height) in pixels that frames are scaled to, or None.
+        size: (width, height) in pixels that frames are scaled to; None leaves them unchanged.
         fps: Frames per second, or None for the video's own times.
         view: Part of the video, and how its frames are fitted to `size`.
     """
@@ -66,7 +66,7 @@ def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[s
         progress: Called with the fraction of the video that is done, if the file states its length.
 
     Raises:
-        OSError: The disk or the folder failed. Failures of the video are in the line.
+        OSError: The recording can't be written. A video that can't be read raises nothing; its line has the reason.
     """
     started = time.monotonic()
     video = job.video
@@ -82,9 +82,10 @@ def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[s
 
 
 def _pieces(job: Job, line: dict[str, Any], progress: Callable[[float], None] | None) -> Iterator[Events]:
-    """Yield the video's events, and last an empty piece with the frames' times and the emulator's settings.
+    """Yield the video's events, then an empty piece with the times of the frames and the settings of the emulator.
 
-    The numbers of frames and events go to `line`. A video that is cut off ends without an error, and `line` states it.
+    The numbers of frames and events are written to `line`. A truncated video ends without an error, but is marked
+    there.
     """
     line |= {"frames": 0, "events": 0}
     promised = length_of(job.video.path)[0] if progress else 0

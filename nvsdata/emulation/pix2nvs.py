@@ -26,9 +26,9 @@ class PIX2NVS(PIX2NVSSettings, FrameEmulator):
         gamma: (γ) Exponent of the perceptual luminance that CE and LICE are computed from.
         continuous: Scale the linear part, q ln(T_log) / T_log, so that it meets the logarithm. As printed in the
             thesis, (3.1) jumps at T_log.
-        difference: (dif) Difference d to the reference: "co-located" at the same pixel (3.3), or the "average" of those
-            to its four neighbors, or the "minimum" of those to its two diagonal neighbors (3.4). Borders are
-            replicated.
+        difference: (dif) Reference that is subtracted from a pixel's value, which results in the difference d:
+            "co-located" for that of the same pixel (3.3), "average" for the average over the four neighbors (3.4), or
+            "minimum" for the smaller one of the upper left and the lower right neighbor (3.4). Borders are replicated.
         inhibition: (B) Side in pixels of the blocks in which only the largest |d| fires (3.5); 1 for none.
         threshold: (T_map) |d| at which a pixel fires.
         max_events: (M_max) Largest number of events per pixel and frame, out of floor(|d| / T_map) (3.8).
@@ -38,7 +38,7 @@ class PIX2NVS(PIX2NVSSettings, FrameEmulator):
         new: Update the reference of all pixels after each frame (True), or only of those that fired (False).
         exp: The reference is a moving average of the frames (3.10) (True), or the last frame (3.9) (False).
         alpha: (α) Weight of the newest frame in the moving average, above 0 and up to 1.
-        noise_rate: Rate of background activity in Hz per pixel; half of it is ON.
+        noise_rate: Rate of background activity in Hz per pixel; half of these events are ON.
         mismatch: Standard deviation of the pixels' thresholds, relative to `threshold`.
         hot_pixels: Fraction of pixels that fire ON without a change of light.
         hot_rate: Rate at which hot pixels fire, in Hz.

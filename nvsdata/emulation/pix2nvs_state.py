@@ -1,4 +1,4 @@
-"""State of an emulation by PIX2NVS: the arrays that it keeps, and the step from frame to frame."""
+"""State of a PIX2NVS emulation: its arrays, and the step from one frame to the next."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ BAND = 4 * TILE[0]  # rows that are processed at a time where no pixel depends o
 class PIX2NVSState(EmulatorState):
     """State of an emulation by `PIX2NVS`; `EmulatorState` describes the parameters.
 
-    ValueError if the frame is smaller than `inhibition`, or larger than events can address.
+    The constructor raises ValueError if the frame is smaller than `inhibition`, or larger than events can address.
     """
 
     def __init__(self, settings: PIX2NVSSettings, first: VideoFrame) -> None:
@@ -53,7 +53,7 @@ class PIX2NVSState(EmulatorState):
         self._number = 0
         plane = np.empty((height, width), number)
         level = plane if settings.mode == "LI" else np.empty_like(plane)
-        # whole tiles and whole blocks
+        # a band consists of whole tiles and whole blocks of inhibition
         whole = math.lcm(TILE[0], settings.inhibition)
         band = max(BAND // whole, 1) * whole if settings.difference == "co-located" else height
         difference = np.zeros((min(height, band), width), number)
@@ -91,7 +91,7 @@ class PIX2NVSState(EmulatorState):
 
 
 def _rule(settings: PIX2NVSSettings, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:
-    """Return the settings as kernels take them."""
+    """Return the settings in the form that the kernels take."""
     threshold, sensitivity = number(settings.threshold), _sensitivity(settings, shape).astype(number)
     return Rule(
         contrast=settings.mode != "LI",
@@ -106,7 +106,7 @@ def _rule(settings: PIX2NVSSettings, shape: tuple[int, int], number: Any, table:
         timing=TIMINGS.get(settings.timestamps, AT_ONCE),
         alpha=number(settings.alpha if settings.exp else 1),
         everywhere=settings.new,
-        # a little less, so that rounding never lets a pixel of a still tile reach its threshold
+        # slightly below the threshold, so that rounding never lets a pixel of a still tile reach it
         calm=threshold / max(number(1), sensitivity.max(initial=0)) * (1 - 4 * np.finfo(number).eps),
     )
 
@@ -124,7 +124,7 @@ def tone(settings: PIX2NVSSettings, q: np.ndarray) -> np.ndarray:
 
 
 def perceived(settings: PIX2NVSSettings, q: np.ndarray, number: Any) -> np.ndarray:
-    """Return `tone` in the type `number` of the emulation; float32 logarithms are those of the kernels."""
+    """Return `tone` in the emulation's type `number`; in float32, the kernel computes the logarithm."""
     if number != np.float32:
         return tone(settings, q)
     found = np.empty(q.shape, np.float32)
@@ -142,7 +142,7 @@ def _table(settings: PIX2NVSSettings, first: VideoFrame, number: Any) -> np.ndar
 
 @lru_cache(8)
 def _tone_table(settings: PIX2NVSSettings) -> np.ndarray:
-    """Return `tone` of luminance in thousandths; cached, because a folder has many videos."""
+    """Return `tone` of luminance in thousandths; it is cached, because all videos of a folder use the same."""
     return tone(settings, np.arange(kernels.TABLE_SIZE) / 1000)
 
 
@@ -163,7 +163,7 @@ def _precision(settings: PIX2NVSSettings) -> Any:
 
 
 def _sensitivity(settings: PIX2NVSSettings, shape: tuple[int, int]) -> np.ndarray:
-    """Return the nominal threshold divided by each pixel's, [H, W]; empty if all are equal.
+    """Return the nominal threshold divided by each pixel's threshold, [H, W]; empty if all are equal.
 
     No pixel's threshold is below a tenth of the nominal one.
     """

@@ -1,4 +1,4 @@
-"""Preview films: a video's frames, and next to each the events since the frame before."""
+"""Preview films: the frames of a video, each next to the events since the previous frame."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ FASTEST = 240.0  # frames per second
 
 
 def preview_of(recording: Path, out: Path) -> Path:
-    """Return the path of the film of a recording in `out`."""
+    """Return the path of the preview film of a recording in `out`."""
     name = recording.relative_to(out)
     return out / FOLDER / name.with_name(f"{name.name}.mp4")
 
 
 def save_preview(job: Job, film: Path) -> str:
-    """Write the film of a recording, of the first minute of its video; return why that failed, or "".
+    """Write the preview film of a video's first minute; return the reason of a failure, "" for success.
 
     Raises:
-        OSError: The disk is full.
+        OSError: The disk is full or read-only.
     """
     try:
         frames, seconds = length_of(job.video.path)
         rate = job.fps or (frames / seconds if seconds else USUAL_RATE)
         film.parent.mkdir(parents=True, exist_ok=True)
         # the time unit of MPEG-4 is at least 1/65,535 s
-        save_mp4(_pictures(job), film, round(min(max(rate, 1.0), FASTEST), 2))
+        save_mp4(_images(job), film, round(min(max(rate, 1.0), FASTEST), 2))
     except (OSError, ValueError, cv2.error, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
             raise
@@ -50,14 +50,14 @@ def save_preview(job: Job, film: Path) -> str:
     return ""
 
 
-def _pictures(job: Job) -> Iterator[np.ndarray]:
+def _images(job: Job) -> Iterator[np.ndarray]:
     """Yield the film's images, uint8 [H, 2 W, 3] in blue, green, red."""
     last = LONGEST * MICROSECONDS
     events = formats.read(job.video.target, 0, last + 1)
     zoom = max(1, WIDE // events.sensor_size[0])
     before = -1
     frames = frames_of(job.video.path, fps=job.fps, size=job.size, view=job.view)
-    # the recording of a video that is cut off ends there, too, and its manifest states it
+    # the recording of a truncated video ends at the same frame, and its manifest has the reason
     with suppress(TruncatedVideo):
         for frame in takewhile(lambda one: one.time <= last, frames):
             since = event_image(events.window(before + 1, frame.time + 1), zoom)

@@ -11,7 +11,7 @@ from nvsdata.video.frames import VideoInput
 
 
 class EventEmulator(Protocol):
-    """Emulator of an event camera; `convert_videos`, `TuningPair` and `tuning.search` accept any.
+    """Emulator of an event camera; `convert_videos`, `TuningPair` and `tuning.search` accept any with these methods.
 
     An emulator is a frozen dataclass of its settings, so that a manifest can describe it and a search can change it.
     """
@@ -34,7 +34,7 @@ class EventEmulator(Protocol):
         times: Iterable[int] | None = None,
         size: tuple[int, int] | None = None,
     ) -> Iterator[Events]:
-        """Yield the events of each frame, those since the frame before; the first piece is empty.
+        """Yield the events between each frame and the one before; the first piece is empty.
 
         Args:
             frames: A video, as `PIX2NVS.stream` takes it.
@@ -51,6 +51,6 @@ def describe_settings(emulator: Any) -> dict[str, Any]:
         TypeError: The emulator isn't an instance of a dataclass.
     """
     if not is_dataclass(emulator) or isinstance(emulator, type):
-        raise TypeError(f"an emulator is a dataclass of its settings, which {emulator!r} is not")
+        raise TypeError(f"an emulator must be an instance of a dataclass, not {emulator!r}")
     name = type(emulator).__name__
     return asdict(emulator) if name == "PIX2NVS" else {"emulator": name, **asdict(emulator)}

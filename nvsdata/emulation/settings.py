@@ -11,12 +11,12 @@ from nvsdata.video.upsample import Upsample
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]
 Timestamps = Literal["interpolated", "random", "linear", "fixed"]
-LEAST_THRESHOLD = 1e-5  # differences are of float32 values up to 100
+LEAST_THRESHOLD = 1e-5  # about the spacing of float32 values at 100, the largest value of a pixel
 
 
 @dataclass(frozen=True)
 class PIX2NVSSettings:
-    """Settings of `PIX2NVS`, which adds the emulation and describes each.
+    """Settings of `PIX2NVS`, whose docstring describes each.
 
     Raises:
         ValueError: A setting is out of range.
@@ -58,12 +58,12 @@ class PIX2NVSSettings:
         probability("alpha", self.alpha)
         probability("hot_pixels", self.hot_pixels)
         if self.continuous and 0 < self.t_log <= 1:
-            raise ValueError(f"continuous needs t_log above 1, where its logarithm is positive, not {self.t_log}")
+            raise ValueError(f"continuous needs t_log above 1, so that ln(t_log) is positive, not {self.t_log}")
 
 
 @dataclass(frozen=True)
 class DVSSettings:
-    """Settings of `DVS`, which adds the emulation and describes each.
+    """Settings of `DVS`, whose docstring describes each.
 
     Raises:
         ValueError: A setting is out of range.

@@ -15,9 +15,12 @@ from nvsdata.emulation.imperfections import Imperfections, ImperfectSensor
 from nvsdata.kernels.emulate.frames import read_keys
 from nvsdata.video.video_frame import FULL, VideoFrame, rgb_luminance, stretch_levels
 
-LONGEST = 2**31  # µs between frames that keys can store
-KEPT = 2 * DEPTH + 3  # frames whose keys may wait to be read
-KEYED = ("interpolated", "random")  # timestamps that keys store; linear ones follow from the raster order
+LONGEST = 2**31  # µs; times in keys are below it
+KEPT = 2 * DEPTH + 3  # frames whose keys are kept until they are read
+KEYED = (
+    "interpolated",
+    "random",
+)  # methods whose timestamps are stored in the keys; linear ones follow from the raster order
 
 
 @dataclass
@@ -31,7 +34,7 @@ class FrameSpikes:
         timestamps: Method by which spikes get their times; see `PIX2NVS`.
         sensor_size: (width, height) in pixels.
         whole: False if upsampling made the later frame.
-        light: Brightness of pixels at `now`, 0 to 1, [H, W], where noise depends on it.
+        light: Brightness of pixels at `now`, 0 to 1, [H, W]; None if noise doesn't depend on it.
     """
 
     keys: np.ndarray
@@ -90,11 +93,11 @@ class EmulatorState(ABC):
         self._keys = deque(np.empty(height * width + 64 * width, np.uint64) for _ in range(KEPT))
 
     def none(self, now: int) -> FrameSpikes:
-        """Return no spikes, for a frame at `now` µs without events."""
+        """Return spikes of zero length, for a frame at `now` µs without events."""
         return FrameSpikes(self._keys[0][:0], now, now, self.timestamps, self.sensor_size)
 
     def step(self, frame: VideoFrame) -> FrameSpikes:
-        """Return the spikes between the last frame and this one; they must be read before `KEPT` more steps.
+        """Return the spikes between the last frame and this one; read them before `KEPT` more steps overwrite them.
 
         Raises:
             ValueError: Size or type of the frame differ from the first one's, or times don't rise.
@@ -105,13 +108,15 @@ class EmulatorState(ABC):
         if a.shape != b.shape or a.dtype != b.dtype or frame.levels != last.levels:
             raise ValueError(f"the frame at {now} µs is {_kind(frame)}, earlier ones were {_kind(last)}")
         if not 0 < now - before < LONGEST:
-            raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
+            raise ValueError(
+                f"the frame at {now} µs follows the one at {before} µs: times must rise, by less than 35 min"
+            )
         self._keys.rotate()
         keys = self._spikes(frame, last)
         return FrameSpikes(keys, before, now, self.timestamps, self.sensor_size, frame.whole, self._light())
 
     def events(self, spikes: FrameSpikes) -> Events:
-        """Return the events of spikes, with the sensor's imperfections. Call it for each frame, in order."""
+        """Return the events of spikes, with the sensor's imperfections; must be called for each frame, in order."""
         found = spikes.events()
         if self.imperfections is None or spikes.now == spikes.before:
             return found
@@ -137,7 +142,7 @@ def first_weight(frame: VideoFrame) -> int:
 
 
 def _kind(frame: VideoFrame) -> str:
-    """Describe size and type of a frame, which all frames of a video share."""
+    """Describe the size and type of a frame, which must be the same for all frames of a video."""
     height, width, *colors = frame.pixels.shape
     levels = "" if frame.levels == FULL else " from {} to {}".format(*frame.levels)
     return f"{width}x{height} {'color' if colors else 'gray'} {frame.pixels.dtype}{levels}"

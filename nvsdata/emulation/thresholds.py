@@ -1,4 +1,4 @@
-"""Search for thresholds that give as many events as a real sensor, and for the `dark` that gives their places."""
+"""Search for the thresholds, and for the `dark`, with which emulated events match those of a real sensor."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from nvsdata.emulation.correlation import BlockBootstrap, count_images, interval
 from nvsdata.emulation.dvs import DVS
 from nvsdata.video.frames import VideoFrame
 
-LEAST, MOST = 0.01, 3.0  # thresholds
-CLOSE, FAR = 0.003, 0.05  # differences of logarithms of event counts: up to CLOSE found, beyond FAR not found
-ROUNDS = 25
+LEAST, MOST = 0.01, 3.0  # range of thresholds
+CLOSE, FAR = (
+    0.003,
+    0.05,
+)  # differences of logarithms of event counts: below CLOSE the search ends, beyond FAR it has failed
+ROUNDS = 25  # emulations of a search
 NARROW, WIDE = 1e-4, 0.1  # logarithms: width below which a bracket is exhausted, and width to which it is opened again
 FEWEST = 100  # events of a polarity that its threshold needs
 NAMES = ("off", "on")
 DARKS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # gray levels that are tried first
-DARKEST, BRIGHTEST = 0.1, 1_000.0  # `dark` where its search ends
-REFINED = 2  # values of `dark` that are tried at the best place so far
-MIDDLE = 80.0  # gray level of a scene by which thresholds are scaled from one `dark` to the next
+DARKEST, BRIGHTEST = 0.1, 1_000.0  # limits of the search for `dark`
+REFINED = 2  # further values of `dark`, each interpolated from those tried before
+MIDDLE = 80.0  # typical gray level, by which thresholds are scaled from one `dark` to the next
 STEP = 0.05  # step of a threshold's logarithm by which the slope of counts is measured
 
 
@@ -32,13 +35,13 @@ def polarity_counts(events: Events) -> np.ndarray:
 
 
 def match_thresholds(trial: DVS, frames: list[VideoFrame], wanted: np.ndarray, free: np.ndarray) -> tuple[DVS, Events]:
-    """Return the settings with thresholds that give `wanted` events, or else the nearest that were tried; their events.
+    """Search for thresholds that result in `wanted` numbers of events; return the best settings and their events.
 
     Args:
         trial: Settings to begin with.
         frames: Frames of the scene.
-        wanted: Numbers of OFF and of ON events; found if logarithms differ by less than `CLOSE`.
-        free: Whether the thresholds OFF and ON may change.
+        wanted: Numbers of OFF and of ON events; the search ends when their logarithms differ by less than `CLOSE`.
+        free: Mask of the thresholds that may change, OFF and ON.
     """
     brackets = _Bracket(), _Bracket()
     value = [math.log(trial.off), math.log(trial.on)]
@@ -63,7 +66,7 @@ class DarkFit(NamedTuple):
     Args:
         settings: Settings with the thresholds and `dark`.
         intervals: 95% confidence intervals of `dark` and of the thresholds that are free.
-        at_end: Whether a `dark` beyond the search would fit better.
+        at_end: True if the best `dark` is a limit of the search.
     """
 
     settings: DVS
@@ -72,20 +75,20 @@ class DarkFit(NamedTuple):
 
 
 def match_dark(trial: DVS, frames: list[VideoFrame], light: np.ndarray, real: np.ndarray, free: np.ndarray) -> DarkFit:
-    """Return the settings that give as many events as the sensor, at pixels that are as bright on average.
+    """Find the settings with as many events as the sensor, at pixels that are as bright on average.
 
-    Emulated events move to brighter pixels as `dark` rises, with thresholds matched at each value. Where the mean
-    logarithm of brightness equals that of the sensor's events is the result. Unlike the maximum of a correlation, it
-    isn't biased by noise, mismatch or upsampling that change numbers of events at random. Each sample of a bootstrap
-    over blocks of pixels has its own `dark`, and thresholds for its own number of events; their percentiles are the
-    intervals.
+    As `dark` rises, with thresholds matched at each value, emulated events move to brighter pixels. The result is the
+    `dark` at which the mean logarithm of brightness at emulated events equals that at the sensor's events. Unlike the
+    maximum of a correlation, this estimate isn't biased by noise, mismatch or upsampling, which change the numbers of
+    events at random. For the intervals, `dark` and thresholds are estimated for each sample of a bootstrap over blocks
+    of pixels; the intervals are percentiles of these estimates.
 
     Args:
         trial: Settings to begin with.
         frames: Frames of the scene.
         light: Logarithm of the mean brightness, [H, W].
-        real: Numbers of OFF and of ON events of each pixel that motion explains, [2, H, W].
-        free: Whether the thresholds OFF and ON may change.
+        real: Numbers of OFF and of ON events of each pixel without those of leak and noise, [2, H, W].
+        free: Mask of the thresholds that may change, OFF and ON.
     """
     profile = _Profile(trial, frames, light, real, free)
     for dark in DARKS:
@@ -113,7 +116,7 @@ class _Profile:
         self._apart: dict[float, np.ndarray] = {}
 
     def _sums(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers of events [2, samples], and the mean logarithm of brightness at those that are free."""
+        """Return the numbers of events [2, samples], and the mean log brightness at those of free thresholds."""
         sums = np.stack([self._blocks.sums(some) for some in counts])
         light = sum(self._blocks.sums(some * self._light) for some in counts[self.free])
         return sums, np.asarray(light / np.maximum(sums[self.free].sum(axis=0), 1))
@@ -133,9 +136,9 @@ class _Profile:
         self._apart[dark] = light - self._real_light
 
     def places(self) -> np.ndarray:
-        """Return the logarithm of the best `dark` of each sample; beyond the values tried it is the nearest of them."""
+        """Return the logarithm of the best `dark` of each sample, limited to the range of the values tried."""
         darks = sorted(self.tried)
-        # brightness rises with `dark`, but for rounding
+        # brightness rises with `dark`, apart from rounding
         apart = np.maximum.accumulate([self._apart[dark] for dark in darks])
         above = (apart >= 0).argmax(axis=0)
         right = np.where(apart[-1] < 0, len(darks) - 1, above).clip(1)
@@ -145,7 +148,7 @@ class _Profile:
         return np.asarray(logs[right - 1] + share * (logs[right] - logs[right - 1]))
 
     def beyond(self) -> float | None:
-        """Return a further value to try, unless the interval is inside those tried, or their limits are reached."""
+        """Return a further `dark` to try; None if those tried enclose the interval, or a limit is reached."""
         least, most = min(self.tried), max(self.tried)
         low, high = interval(self.places())
         if high >= math.log(most) and most < BRIGHTEST:
@@ -155,7 +158,7 @@ class _Profile:
         return None
 
     def intervals(self, dark: float) -> dict[str, tuple[float, float]]:
-        """Return the intervals of `dark`, whose estimate is given, and of the thresholds that are free."""
+        """Return the confidence intervals of `dark`, whose estimate is the argument, and of the free thresholds."""
         darks, places = sorted(self.tried), self.places()
         low, high = np.exp(interval(places)).tolist()
         found = {"dark": (min(low, dark), max(high, dark))}
@@ -166,7 +169,7 @@ class _Profile:
             value = getattr(chosen, name)
             higher = replace(chosen, **{name: value * math.exp(STEP)}).emulate(self.frames)
             change = math.log((polarity_counts(higher)[n] + 1) / (self._counts[dark][n, 0] + 1))
-            # counts fall at least a bit, or no threshold could be found
+            # counts fall as thresholds rise; the limit keeps intervals finite where they hardly do
             slope = min(change / STEP, -0.1)
             matched = [
                 math.log(getattr(self.tried[one], name))
@@ -179,7 +182,7 @@ class _Profile:
 
 
 def _interpolated(places: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values [known, samples] at a place for each sample, linearly between the places that are known."""
+    """Interpolate `values` [known, samples] linearly at one place per sample; return [samples]."""
     right = np.searchsorted(known, places).clip(1, known.size - 1)
     share = (places - known[right - 1]) / (known[right] - known[right - 1])
     columns = np.arange(places.size)
@@ -189,18 +192,18 @@ def _interpolated(places: np.ndarray, known: np.ndarray, values: np.ndarray) -> 
 def fit_thresholds(
     start: DVS, given: DVS, frames: list[VideoFrame], real: Events, needed: np.ndarray, unidentified: dict[str, str]
 ) -> DVS:
-    """Return the settings with thresholds that give the numbers of events in `real`.
+    """Return the settings with thresholds that result in the numbers of events in `real`.
 
-    A threshold that can't be identified is that of `given`, and `unidentified` gets the reason. The other threshold is
-    searched with it.
+    A threshold that can't be identified is copied from `given`, and the reason is added to `unidentified`. Then the
+    search for the other threshold is repeated.
 
     Args:
         start: Settings to begin with.
-        given: Settings of thresholds that can't be identified.
+        given: Settings with the thresholds to use if they can't be identified.
         frames: Frames of the scene.
         real: Events of the sensor.
-        needed: Numbers of OFF and of ON events that leak and noise don't explain.
-        unidentified: Reasons by setting; gets new ones.
+        needed: Numbers of OFF and of ON events without those of leak and noise.
+        unidentified: Reasons by setting; new ones are added.
     """
     for name, moved in zip(NAMES, needed, strict=True):
         if name not in unidentified and moved < FEWEST:
@@ -211,13 +214,13 @@ def fit_thresholds(
         start, found = match_thresholds(start, frames, wanted, np.array([name in free for name in NAMES]))
         counts = polarity_counts(found)
         apart = {name: abs(math.log((counts[n] + 1) / (wanted[n] + 1))) for n, name in enumerate(NAMES) if name in free}
-        # one at a time, because a threshold that can't be found spoils the other
+        # one at a time, because a threshold that can't be found affects the search for the other
         name = max(apart, key=lambda one: apart[one])
         if apart[name] <= FAR:
             return start
         n, value = NAMES.index(name), getattr(start, name)
         unidentified[name] = (
-            f"no threshold from {LEAST} to {MOST} gives {wanted[n]} events; {value:.3g} gives {counts[n]}"
+            f"no threshold from {LEAST} to {MOST} results in {wanted[n]} events; {value:.3g} results in {counts[n]}"
         )
     unidentified["dark"] = "neither threshold is known"
     return given
@@ -229,31 +232,32 @@ def check_counts(found: Events, real: Events, unidentified: dict[str, str], stil
     Args:
         found: Events of the result.
         real: Events of the sensor.
-        unidentified: Reasons by setting; gets new ones.
-        still: Whether light is constant.
+        unidentified: Reasons by setting; new ones are added.
+        still: True if light is constant.
 
     Raises:
-        ValueError: There is a mismatch, neither threshold is from the pair, and something moves.
+        ValueError: The numbers differ, neither threshold could be estimated, and something moves.
     """
     ours, theirs = polarity_counts(found), polarity_counts(real)
-    # and the spread of Poisson counts
+    # the second term is four standard deviations of Poisson counts
     apart = np.abs(ours - theirs) > FAR * theirs + 4 * np.sqrt(ours + theirs)
     if apart.any() and not still and {*NAMES} <= unidentified.keys():
         why = "; ".join(f"{name}: {unidentified[name]}" for name in NAMES)
-        given = f"with those of `base` {ours.sum()} events are emulated for {theirs.sum()}"
-        way = "record motion, or, of a still scene, estimate leak and noise by noise=True and delay=0"
-        raise ValueError(f"these frames and events determine neither threshold ({why}), and {given}; {way}")
-    hint = ", because these frames have noise of their own: emulate their mean" if still else ""
+        given = f"with those of `base`, {ours.sum()} events are emulated, but the sensor has {theirs.sum()}"
+        way = "record motion, or pass noise=True and delay=0 to estimate leak and noise of a still scene"
+        raise ValueError(f"these frames and events determine neither threshold ({why}); {given}; {way}")
+    hint = ", because these frames are noisy: emulate their mean" if still else ""
     for n in np.flatnonzero(apart):
-        reason = f"{ours[n]} events are emulated, the sensor has {theirs[n]}{hint}"
+        reason = f"{ours[n]} events are emulated, but the sensor has {theirs[n]}{hint}"
         unidentified[NAMES[n]] = "; ".join(filter(None, (unidentified.get(NAMES[n]), reason)))
 
 
 class _Bracket:
-    """Bracket of a threshold: a lower one gives too many events, a higher one too few.
+    """Interval in which a threshold is searched: at the lower end events are too many, at the upper end too few.
 
-    All values are logarithms, of thresholds and of the numbers of events divided by those wanted. Without a bracket,
-    steps overshoot: where few events are left, their number falls ten times as fast as the threshold rises.
+    All values are logarithms: of thresholds, and of the numbers of events divided by those wanted. Without this
+    interval, steps would overshoot: if few events are left, their number falls ten times as fast as the threshold
+    rises.
     """
 
     def __init__(self) -> None:
@@ -261,7 +265,7 @@ class _Bracket:
         self.high, self.fewer = math.log(MOST), math.nan
 
     def next(self, value: float, apart: float) -> float:
-        """Return the threshold to try after `value`, which gave exp(`apart`) times the events wanted."""
+        """Return the threshold to try after `value`, which resulted in exp(`apart`) times the events wanted."""
         if apart == 0:
             return value
         if apart > 0:
@@ -269,7 +273,7 @@ class _Bracket:
         else:
             self.high, self.fewer = value, apart
         if self.high - self.low < NARROW:
-            # the right value moved, because the other polarity's threshold did
+            # the solution has moved, because the other polarity's threshold has changed
             self.low, self.high = max(value - WIDE, math.log(LEAST)), min(value + WIDE, math.log(MOST))
             self.more = self.fewer = math.nan
         if math.isnan(self.more + self.fewer):

@@ -46,7 +46,7 @@ def test_thresholds_and_darkness_are_found_again(on, off, dark, least, most):
     assert found.correlation > 0.9
     assert found.settings.upsample == "flow"
     assert (found.settings.leak, found.settings.noise_rate) == (0, 0)
-    assert found.unidentified == {"refractory": "pixels don't fire again soon enough to show it"}
+    assert found.unidentified == {"refractory": "pixels don't fire again soon enough to reach it"}
     ours = found.settings.emulate(frames)
     for p in (0, 1):
         assert abs((ours.p == p).sum() / (events.p == p).sum() - 1) < 0.02
@@ -97,17 +97,19 @@ def test_what_a_pair_does_not_tell_is_said():
     assert found.settings.off == 0.77
     said = found.unidentified["off"]
     ours = (found.settings.emulate(frames).p == 0).sum()
-    assert said == f"0 events of this polarity, at least 100 are needed; {ours} events are emulated, the sensor has 0"
+    assert (
+        said == f"0 events of this polarity, at least 100 are needed; {ours} events are emulated, but the sensor has 0"
+    )
     assert "on" not in found.unidentified
     moving = [replace_pixels(frame, 64) for frame in frames]
     cut = events[events.y < 64]
     cut = Events(cut.t, cut.x, cut.y, cut.p, (128, 64))
     found = fit(moving, cut, delay=0, base=DVS(leak=0.3, refractory=7, upsample="flow"))
     assert set(found.unidentified) <= {"leak", "noise_rate", "refractory"}
-    assert "light is constant for" in found.unidentified["leak"]
+    assert "pixel-seconds of constant light, 100 are needed" in found.unidentified["leak"]
     assert found.settings.leak == 0.3
     few = fit(frames, events[::20], delay=0, base=DVS(refractory=7))
-    assert "intervals within pixels, 1000 are needed" in few.unidentified["refractory"]
+    assert "intervals between events of a pixel, 1000 are needed" in few.unidentified["refractory"]
     assert few.settings.refractory == 7
 
 
@@ -122,12 +124,13 @@ def test_thresholds_that_no_setting_gives_are_said():
         *(np.concatenate((a, b)) for a, b in zip(storm, events[events.p == 0].columns, strict=True)), (128, 96)
     )
     found = fit(frames, both, delay=0, noise=False)
-    assert "no threshold from 0.01 to 3.0 gives" in found.unidentified["on"]
+    assert "no threshold from 0.01 to 3.0 results in" in found.unidentified["on"]
     assert found.settings.on == DVS().on
     # if it is so of both, there is nothing to return
     storm = Events(*(np.repeat(column, 60) for column in events.columns), events.sensor_size)
     with pytest.raises(
-        ValueError, match=r"neither threshold \(off: no threshold from 0.01 to 3.0 gives .* emulated for"
+        ValueError,
+        match=r"neither threshold \(off: no threshold from 0.01 to 3.0 results in .* are emulated, but the sensor",
     ):
         fit(frames, storm, delay=0, noise=False)
 
@@ -179,7 +182,7 @@ def test_a_still_scene_shows_no_thresholds():
     found = fit(still(), anywhere(1_795), delay=0)
     assert {"off", "on", "dark"} <= found.unidentified.keys()
     assert abs(len(found.settings.emulate(still())) / 1_795 - 1) < 0.1
-    with pytest.raises(ValueError, match=r"neither threshold .* 0 events are emulated for 1795"):
+    with pytest.raises(ValueError, match=r"neither threshold .* 0 events are emulated, but the sensor has 1795"):
         fit(still(), anywhere(1_795), delay=0, noise=False)
     # frames change by their own noise only, which is no light
     for noise, dark in ((1, 20), (2, 20), (5, 1)):
@@ -202,8 +205,8 @@ def test_leak_and_noise_are_found_in_a_still_scene_whose_frames_have_noise(noise
     # the frames' own noise gives many more events; that of their mean, as many as the sensor
     assert len(found.settings.emulate(frames)) > 1.2 * len(events)
     assert abs(len(found.settings.emulate(mean)) / len(events) - 1) < 0.03
-    assert found.unidentified["on"].startswith("nothing moves, and only motion shows thresholds; ")
-    assert found.unidentified["on"].endswith("because these frames have noise of their own: emulate their mean")
+    assert found.unidentified["on"].startswith("nothing moves, but thresholds need motion; ")
+    assert found.unidentified["on"].endswith("because these frames are noisy: emulate their mean")
     assert found.intervals == {}
 
 
@@ -245,7 +248,7 @@ def test_delays_are_searched_beyond_the_values_tried_first(delay):
 
 def test_events_that_do_not_follow_the_light_fit_no_thresholds():
     frames, _ = seen(DVS(on=0.2, off=0.2))
-    with pytest.raises(ValueError, match=r"neither threshold .* events are emulated for 1795"):
+    with pytest.raises(ValueError, match=r"neither threshold .* events are emulated, but the sensor has 1795"):
         fit(frames, anywhere(1_795), delay=0)
     with pytest.raises(ValueError, match=r"their correlation is -?0.0. with a delay of 0 µs"):
         fit(frames, anywhere(1_795), delay=0, noise=False)

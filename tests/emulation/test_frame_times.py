@@ -41,7 +41,7 @@ def test_events_between_frames_are_those_that_the_emulator_gave(converted):
     assert len(recording.between_frames(0, 11)) == len(recording.read())
     assert len(recording.between_frames(3, 3)) == 0
     for first, last in ((-1, 2), (5, 12), (11, None)):
-        with pytest.raises(IndexError, match="of 12"):
+        with pytest.raises(IndexError, match="the recording has 12"):
             recording.between_frames(first, last)
     with pytest.raises(ValueError, match="frame 2 comes before frame 5"):
         recording.between_frames(5, 2)

@@ -22,19 +22,19 @@ from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
 
 
 class TuningPair:
-    """Real recording and the frames of the video that it shows, scaled to its sensor; a call measures an emulator.
+    """Real recording, and the video that it shows, scaled to the sensor; calling the pair measures an emulator.
 
-    The frame rate of the comparison is the video's. The frames are kept in memory.
+    Events are compared at the video's frame rate. The frames are kept in memory.
 
     Args:
-        real: Events of a camera that saw the video.
+        real: Events of a camera that recorded the video.
         video: The video, as `PIX2NVS.stream` takes it.
         fps: Frames per second, in place of the video's own times.
-        seconds: Compare the first seconds only.
+        seconds: Length in s of the part that is compared, from the start (default: all).
         offset: Time in µs that is added to the recording's times, which count from its start.
-        one_way: Measure distances from emulated spikes to real ones only, as in the thesis (default: both ways, and the
-            difference of the numbers of events). One-way distances favor emulators that fire too little, because
-            missing events cost nothing.
+        one_way: Measure distances from emulated spikes to real ones only, as in the thesis (default: in both
+            directions, and the differences of the numbers of events). One-way distances favor emulators with too few
+            events, because missing events cost nothing.
 
     Raises:
         ValueError: Fewer than two frames are compared, or frames and events have no time in common.
@@ -71,7 +71,7 @@ class TuningPair:
         if len(frames) < 2:
             shown = "the video" if isinstance(video, Iterable) and not of_file else video
             raise ValueError(f"{shown}: {len(frames)} frames in the time that is compared, at least 2 are needed")
-        # a video with its own clock shares it with the recording
+        # a video that states times has the clock of the recording
         own = isinstance(video, Recording) or (isinstance(video, str | os.PathLike) and Path(video).is_dir())
         origin = (self._first or 0) if own else self._first or real.start
         check_common((origin, origin + frames[-1].time), real)
@@ -90,7 +90,7 @@ class TuningPair:
         self.fps = (len(frames) - 1) * 1e6 / frames[-1].time
 
     def split(self, share: float) -> tuple[TuningPair, TuningPair]:
-        """Split the pair into two, the second of which has the last `share` (0 to 1) of the frames.
+        """Split the pair into two by time; the second part has the last `share` (fraction from 0 to 1) of the frames.
 
         Raises:
             ValueError: Either part has fewer than two frames.
@@ -143,8 +143,8 @@ class TuningPair:
     def __call__(self, settings: EventEmulator) -> Measured:
         """Return the distances of an emulator (`Comparison.values` or `values_both_ways`) and its event counts.
 
-        Distances are NaN if more than half of the frames with real spikes have no emulated one. Such frames have no
-        distances, so settings that hardly ever fire could win.
+        Distances are NaN if more than half of the frames with real spikes have no emulated spike. Otherwise emulators
+        that hardly ever fire could win, because distances leave out such frames.
         """
         found = compare(self.emulate(settings), self.real, self.fps, offset=self.offset)
         real = found.emd.frames.size - found.emd.empty_real

@@ -11,7 +11,7 @@ from nvsdata.common.text import aligned
 from nvsdata.emulation.settings import PIX2NVSSettings
 from nvsdata.emulation.tuning.search import Measured, Search
 
-# settings and their headings: those of Table 3.3 of the thesis, and those that are shown if trials differ in them
+# settings and their column headings: those of Table 3.3 of the thesis and alpha; below, those shown if trials differ
 SHOWN = {"t_log": "T_log", "inhibition": "B", "max_events": "M_max", "threshold": "T_map", "new": "new", "exp": "exp"}
 SHOWN |= {"alpha": "alpha"}
 IF_VARIED = {"mode": "mode", "hue": "hue", "difference": "dif", "noise_rate": "noise"}
@@ -23,7 +23,7 @@ def trials_table(search: Search, rows: int = 5, *, real: tuple[int, int] | None 
 
     Args:
         search: A search.
-        rows: Largest number of trials, at even steps of rank; 1 shows the best.
+        rows: Largest number of trials in the table, evenly spaced by rank; 1 shows the best.
         real: The camera's numbers of OFF and ON events, for the last row.
     """
     scores = search.scores

@@ -19,9 +19,11 @@ from nvsdata.emulation.protocol import EventEmulator, describe_settings
 from nvsdata.emulation.tuning.space import Space, check_space, place_of, settings_at, space_of, space_to_json
 from nvsdata.metrics.distance import score
 
-BATCH = 4  # trials per proposal; independent of the number of jobs, so that the search is, too
+BATCH = 4  # trials that are proposed together; fixed, so that the search doesn't depend on the number of jobs
 ANYWHERE = 1  # trials of each batch sampled anywhere, so that the search can leave a local minimum
-RESAMPLED = 1  # trials of each batch with one setting sampled again, as choices have no neighbors in a small sphere
+RESAMPLED = (
+    1  # trials of each batch with one setting sampled anywhere, because a small sphere has only one value of a choice
+)
 FIRST = 16  # trials sampled anywhere before the search narrows
 SHRINK = 0.85  # factor of the radius after a batch that found nothing better
 LEAST_RADIUS = 0.02
@@ -89,7 +91,7 @@ def search(
 
     Args:
         measure: Function that measures an emulator, such as a `TuningPair`.
-        space: Choices, a `Range` or `Depending` of each setting by name (default: those of the emulator, `space_of`).
+        space: Choices, a `Range` or `Depending` of each setting by name (default: `space_of(base)`).
         base: Emulator whose settings outside the space stay fixed (default: `PIX2NVS()`).
         start: Settings of the first trial, around which the search begins, such as those of `emulation.fit`.
         trials: Number of trials, including those in the journal.
@@ -102,7 +104,7 @@ def search(
         A `Search` with all trials; its `best` has the lowest score.
 
     Raises:
-        ValueError: The journal belongs to another search, or the emulator has no such setting.
+        ValueError: The journal belongs to another search, or the emulator lacks a setting of the space.
 
     Example:
         >>> def measure(emulator):
@@ -176,8 +178,8 @@ def _drawn(
 ) -> np.ndarray:
     """Sample a place in the unit cube.
 
-    By its `number` in the batch it is anywhere (always without a `center`), on an axis through `center`, or in a
-    sphere around it, reflected at the borders of the cube.
+    Depending on its `number` in the batch, the place is anywhere (always without a `center`), on an axis through
+    `center`, or in a sphere around it, reflected at the borders of the cube.
     """
     anywhere = rng.random(dimensions)
     axis = np.arange(dimensions) == rng.integers(dimensions)
@@ -200,7 +202,7 @@ class _Trials(Journal):
         space_to_json = json.loads(json.dumps(head))
         super().__init__(path, space_to_json)
         if self.head != space_to_json:
-            raise ValueError(f"{path} belongs to another search: give the same settings, or another file")
+            raise ValueError(f"{path} belongs to another search: use the same settings, or another file")
         self._known = {
             line["trial"]: Trial(kind(**line["settings"]), tuple(line["distances"]), tuple(line["events"]))
             for line in self.lines

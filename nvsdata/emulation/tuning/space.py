@@ -73,8 +73,8 @@ class Depending:
 
 Space = Mapping[str, Choices | Depending]
 
-# the settings that Table 3.3 of the thesis varies, and alpha, mode, hue, difference and noise. Contrast (CE) has
-# another scale of thresholds, and isn't defined for hue
+# the settings that Table 3.3 of the thesis varies, and alpha, mode, hue, difference and noise. Thresholds of contrast
+# (CE) have another scale, and contrast isn't defined for hue
 SPACE: Space = {
     "mode": ("LI", "CE", "LICE"),
     "hue": Depending("mode", {"LI": (False, True)}, (False,)),
@@ -89,7 +89,7 @@ SPACE: Space = {
     "noise_rate": Range(0.0, 5.0),
 }
 
-# settings that a fit estimates, and others
+# the settings that `fit` estimates, and mismatch and cutoff
 SENSOR_SPACE: Space = {
     "on": Range(0.05, 0.8, log=True),
     "off": Range(0.05, 0.8, log=True),
@@ -108,19 +108,19 @@ def space_of(emulator: Any) -> Space:
         return SENSOR_SPACE
     if isinstance(emulator, PIX2NVSSettings):
         return SPACE
-    raise ValueError(f"give the space of {type(emulator).__name__}'s settings")
+    raise ValueError(f"{type(emulator).__name__} has no default space: pass one, as `space`")
 
 
 def check_space(space: Space, base: Any) -> None:
     """Raise ValueError for a space with settings that the emulator `base` doesn't have, or without choices."""
     for name, choices in space.items():
-        asked = (name, choices.on) if isinstance(choices, Depending) else (name,)
-        for one in asked:
+        names = (name, choices.on) if isinstance(choices, Depending) else (name,)
+        for one in names:
             if not hasattr(base, one):
                 raise ValueError(f"{type(base).__name__} has no setting {one!r}")
         sets = (*choices.given.values(), choices.other) if isinstance(choices, Depending) else (choices,)
         if not all(isinstance(some, Range) or some for some in sets):
-            raise ValueError(f"no choices for {name}")
+            raise ValueError(f"the space has no choices for {name}")
 
 
 def settings_at(base: Any, space: Space, place: Sequence[float]) -> Any:
