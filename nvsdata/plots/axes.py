@@ -17,17 +17,23 @@ DPI = 100
 
 
 def rgb(bgr: tuple[int, int, int]) -> tuple[float, float, float]:
-    """Convert a color of OpenCV to one of matplotlib."""
+    """Convert a BGR color from 0 to 255, as in OpenCV, to an RGB color from 0 to 1, as in matplotlib."""
     blue, green, red = bgr
     return red / 255, green / 255, blue / 255
 
 
-LINES = [rgb(OFF), rgb(ON), rgb(BOTH), rgb((90, 160, 60)), rgb((40, 150, 230))]  # colors of lines, in their order
+LINES = [
+    rgb(OFF),
+    rgb(ON),
+    rgb(BOTH),
+    rgb((90, 160, 60)),
+    rgb((40, 150, 230)),
+]  # colors of the lines of a chart, in order
 
 
 def new_figure(size: tuple[int, int]) -> Figure:
     """Return an empty figure of (width, height) pixels without a window."""
-    # not at import: importing matplotlib takes as long as importing nvsdata
+    # imported here, because matplotlib takes as long as nvsdata to import
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -45,7 +51,7 @@ def new_chart(size: tuple[int, int], title: str = "", xlabel: str = "", ylabel: 
 
 
 def escaped(text: str) -> str:
-    """Return a text for matplotlib: printable, and with dollar signs that don't begin a formula."""
+    """Escape a text for matplotlib: control characters, and dollar signs, which would begin a formula."""
     return shown(text).replace("$", r"\$")
 
 

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 POINTS_SIZE = 720, 420  # pixels
-MOST_WRITTEN = 12  # numbers in a chart of points
+MOST_WRITTEN = 12  # values that a chart of points states as numbers
 FAR = 10  # a limit beyond this many times the largest value is named in the title, not drawn
 TRADEOFF_SIZE = 900, 560  # pixels
 TICKS = (0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.92, 0.94, 0.95, 0.96, 0.97, 0.98, 0.985, 0.99, 0.995, 0.998, 0.999, 1)
-LEAST = 0.0005  # distance from 1 below which gains are drawn alike
-# where a name may stand, in points from the point that it names, the best first
+LEAST = 0.0005  # added to distances from 1, so that their logarithms are finite
+# offsets of a name from its point, in typographic points (1/72 inch), in order of preference
 SIDES = (-1, 1), (1, -1), (1, 1), (-1, -1), (-0.2, 1), (0.2, -1)
 PLACES = [(dx * far, dy * far) for far in (8, 18, 30, 44, 60, 80, 105, 130) for dx, dy in SIDES]
 
@@ -32,7 +32,7 @@ def curves(
     highest: float = 1.0,
     ends: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Draw lines of values against their number.
+    """Draw lines of values, which are evenly spaced along the horizontal axis.
 
     Args:
         lines: Name and values of each line.
@@ -89,14 +89,14 @@ def points_chart(
     xlabel: str,
     intervals: Sequence[tuple[float, float]] = (),
 ) -> np.ndarray:
-    """Draw a fraction at each of a few settings, joined by a line, with its number.
+    """Draw a fraction at each of a few settings, as points that are joined by a line and labeled with their values.
 
     The vertical axis ends at 1 and begins at the tenth below the smallest value or interval. If there are more than 12
-    values, only some numbers are written.
+    values, only some points are labeled.
 
     Args:
         values: The fractions, such as accuracies, from 0 to 1.
-        names: Name of each setting, written below. The settings are evenly spaced.
+        names: Name of each setting, written below the axis. The settings are evenly spaced.
         title: Text above the chart.
         xlabel: Text below the axis.
         intervals: Confidence interval of each value, (low, high), drawn as a vertical line (default: none).
@@ -120,7 +120,7 @@ def points_chart(
     lowest = min([*values, *(low for low, _ in intervals)])
     axes.set_ylim(min(int(lowest * 10) / 10, 0.9), 1.0)
     axes.margins(x=0.06)
-    # numbers of values near 1 are above the end of the axis
+    # leaves space for labels of values near 1, which are above the end of the axis
     axes.set_title(title, fontsize=10, loc="left", pad=14)
     return rendered(figure)
 
@@ -133,7 +133,7 @@ def timeline(
     limits: Sequence[float] = (),
     form: str = ",.4g",
 ) -> np.ndarray:
-    """Draw one value of each of several recordings, as points against the recording's number, from 1 on.
+    """Draw one value per recording, as points against the number of the recording, which counts from 1.
 
     Args:
         values: The values. NaN leaves a gap.
@@ -167,12 +167,13 @@ def timeline(
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Return the indices of the points that no other point beats, in order of cost.
+    """Return the indices of the points on the Pareto front, in order of cost.
 
-    A point beats another if it costs no more and gains more.
+    A point is on the front unless another one costs no more and gains at least as much. Of equal points, the first is
+    on the front.
 
     Args:
-        points: (cost, gain) of each.
+        points: (cost, gain) of each point.
 
     Example:
         >>> pareto_front([(1, 0.5), (2, 0.4), (3, 0.9)])
@@ -189,11 +190,11 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 def tradeoff(
     points: Sequence[tuple[float, float]], names: Sequence[str], title: str, xlabel: str, ylabel: str
 ) -> np.ndarray:
-    """Draw points of cost and gain, and their Pareto front, whose points are named.
+    """Draw points of cost and gain; those on the Pareto front are joined by a line and named.
 
     Args:
-        points: (cost, gain) of each, at least one. Costs are above 0, on a logarithmic axis. Gains, such as
-            accuracies, are at most 1, and the axis is logarithmic in their distance from 1.
+        points: (cost, gain) of each point; there is at least one. Costs are above 0, on a logarithmic axis. Gains, such
+            as accuracies, are at most 1, and the axis is logarithmic in their distance from 1.
         names: Name of each point.
         title: Text above the chart.
         xlabel: Text below the axis of costs.
@@ -256,5 +257,5 @@ def _write_names(axes: Axes, named: Sequence[tuple[float, float, str]], points: 
         leader = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.6, "shrinkA": 0}
         side = "right" if place[0] < 0 else "left"
         written = axes.annotate(name, (x, y), place, textcoords="offset points", ha=side, fontsize=8, arrowprops=leader)
-        # the layout must not move the axes after the names were placed
+        # the layout must not move the axes after the names have been placed
         written.set_in_layout(False)

@@ -13,12 +13,12 @@ from nvsdata.plots.axes import LINES, escaped, new_figure, rendered, style_axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CELL, FEWEST, MOST = 40, 320, 1_300  # pixels of a cell, and of the side of a matrix
-COUNTED = 26  # pixels of a cell from which a number fits
-LINE = 13  # pixels of a small line of text
-LONGEST = 24  # letters of a name
+CELL, FEWEST, MOST = 40, 320, 1_300  # pixels: side of a cell, smallest and largest side of a matrix
+COUNTED = 26  # pixels; smallest side of a cell that a number fits into
+LINE = 13  # pixels; height of a line of small text
+LONGEST = 24  # characters of a name
 MOST_BARS = 120
-FRACTIONS = (0.01, 0.05, 0.2, 0.5, 1.0)  # in the legend
+FRACTIONS = (0.01, 0.05, 0.2, 0.5, 1.0)  # that the legend of a confusion matrix shows
 RIGHT, WRONG = (10, 60, 130), (160, 20, 20)
 PANEL_SIZE = 420, 520  # pixels of a reliability diagram
 
@@ -30,7 +30,7 @@ def confusion(counts: np.ndarray, classes: Sequence[str], title: str) -> np.ndar
     """Draw a confusion matrix.
 
     Right predictions are blue and wrong ones red; cells with a larger fraction of their row are darker. (The shade is
-    the root of the fraction, so that rare mistakes are visible.) Counts are written if they fit. If names would
+    the square root of the fraction, so that rare errors are visible.) Counts are written if they fit. If names would
     overlap, only some are written.
 
     Args:
@@ -90,7 +90,7 @@ def class_bars(
         classes: Names of the C classes.
         counts: Number of samples of each class, [C]. Classes without samples are left out.
         kinds: Name and accuracies [C] of one or two kinds of accuracy, such as that of single windows and that of
-            voting. The first is drawn as bars, the second as strokes.
+            voting. The first is drawn as blue bars, the second as red strokes.
         title: Text above the chart.
 
     Returns:

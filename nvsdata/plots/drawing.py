@@ -20,7 +20,7 @@ def event_image(events: Events, zoom: int = 1) -> np.ndarray:
 
     Args:
         events: The events. All are drawn, whatever their times.
-        zoom: Side in pixels that each pixel of the sensor gets (default 1).
+        zoom: Side in pixels of the square that is drawn for each pixel of the sensor (default 1).
 
     Returns:
         uint8 [H * zoom, W * zoom, 3], BGR.
@@ -57,10 +57,10 @@ def put_text(
 
     Args:
         image: uint8 [H, W, 3], BGR. It is changed.
-        text: The line.
-        at: (x, y) of its baseline in pixels.
+        text: The line of text.
+        at: Position (x, y) of the text's baseline in pixels.
         size: Scale of the font (default 0.45).
-        color: BGR.
+        color: BGR color of the text (default: dark gray).
         align: Fraction of the text's width that is left of x (default 0; 0.5 centers the text).
     """
     x, y = at[0] - align * text_width(text, size), at[1]
@@ -73,7 +73,7 @@ def text_width(text: str, size: float = 0.45) -> int:
 
 
 def shortened(text: str, width: int, size: float = 0.45) -> str:
-    """Return the text, or as much of its beginning as fits `width` pixels, followed by two dots."""
+    """Return the text, or its beginning and two dots if it is wider than `width` pixels."""
     if not text or text_width(text, size) <= width:
         return text
     while text and text_width(text + "..", size) > width:
@@ -82,7 +82,7 @@ def shortened(text: str, width: int, size: float = 0.45) -> str:
 
 
 def save_png(image: np.ndarray, path: Path) -> None:
-    """Write an image as a PNG file, which appears whole or not at all.
+    """Write an image as a PNG file, which is complete or missing, never partial.
 
     Args:
         image: uint8 [H, W], or [H, W, 3] in BGR.

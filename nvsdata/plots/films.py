@@ -29,7 +29,7 @@ GIF_TICK = 10  # ms, the unit of durations in a GIF
 
 @dataclass(frozen=True)
 class Film:
-    """Settings by which events become the frames of a film.
+    """Settings of a film of events.
 
     Args:
         duration: Length in µs of the window that each frame shows (default 33,333).
@@ -37,8 +37,8 @@ class Film:
             or overlaps (default None: frames by time).
         speed: Speed of the film; 1 (default) is real time. It applies to frames by time only.
         fps: Frames per second (default 30.0).
-        zoom: Side in pixels that each pixel of the sensor gets (default None: narrow sensors are enlarged to about
-            480 pixels).
+        zoom: Side in pixels of the square that is drawn for each pixel of the sensor (default None: images of narrow
+            sensors are enlarged to a width of about 480 pixels).
 
     Raises:
         ValueError: If a setting is out of range.
@@ -64,7 +64,7 @@ class Film:
                 whole(name, getattr(self, name), 1)
 
     def windows(self, events: Events) -> Iterator[Events]:
-        """Yield the events of each frame; there is at least one frame."""
+        """Yield the events of each frame of the film; there is at least one frame."""
         if self.count is not None:
             for first in range(0, max(len(events), 1), int(self.count)):
                 yield events[first : first + int(self.count)]
@@ -82,10 +82,10 @@ class Film:
             yield event_image(window, self._zoom(events))
 
     def sheet(self, events: Events) -> np.ndarray:
-        """Draw moments from beginning to end, each with its time and number of events: uint8 [H, W, 3], BGR."""
+        """Draw up to 12 evenly spaced windows, each with time and number of events; return uint8 [H, W, 3], BGR."""
         tiles = []
         for window in self._moments(events):
-            # a slice by number has the recording's start, not that of its first event
+            # `start` of a slice by number is that of the recording, not the time of its first event
             first = window.start if self.count is None or not len(window) else int(window.t[0])
             at = (first - events.start) / 1e3
             tiles.append((event_image(window), [f"{at:,.1f} ms: {len(window):,} events"]))
@@ -106,7 +106,7 @@ class Film:
 
 
 def save_gif(images: Iterable[np.ndarray], path: Path, fps: float) -> None:
-    """Write images of `event_image` as a GIF that repeats. The file appears whole or not at all.
+    """Write images of `event_image` as a GIF that repeats. The file is complete or missing, never partial.
 
     Durations in a GIF are in hundredths of a second, and viewers slow down frames shorter than 20 ms. So the GIF has at
     most 50 frames per second.
@@ -157,7 +157,7 @@ def _check_film(name: str, count: int) -> None:
 
 
 def save_mp4(images: Iterable[np.ndarray], path: Path, fps: float) -> None:
-    """Write images as an MP4 file (MPEG-4 part 2), which appears whole or not at all.
+    """Write images as an MP4 file (MPEG-4 part 2), which is complete or missing, never partial.
 
     Args:
         images: uint8 [H, W, 3], BGR, all of one size.
@@ -177,7 +177,7 @@ def save_mp4(images: Iterable[np.ndarray], path: Path, fps: float) -> None:
             if writer is None:
                 writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*"mp4v"), fps, even.shape[1::-1])
                 if not writer.isOpened():
-                    raise OSError(f"OpenCV can't write MP4 files of {even.shape[1]}x{even.shape[0]} pixels here")
+                    raise OSError(f"OpenCV can't write MP4 files of {even.shape[1]}x{even.shape[0]} pixels")
             writer.write(even)
             count += 1
         if writer is not None:

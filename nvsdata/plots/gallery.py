@@ -1,4 +1,4 @@
-"""A page with images and statistics of every class of a dataset."""
+"""HTML page with images and statistics of every class of a dataset."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowra
 img { height: 120px; image-rendering: pixelated; border: 1px solid #ddd; margin-right: 4px; }
 p { color: #777; }
 """
-COLUMNS = "class", "recordings", "read", "events", "events/s", "seconds", "ON", "in the middle"
+COLUMNS = "class", "recordings", "read", "events", "events/s", "seconds", "ON", "at the midpoint"
 
 
 @dataclass
@@ -35,8 +35,8 @@ class ClassSummary:
         name: Name of the class.
         recordings: Number of its recordings.
         events: Number of events of each recording that was read.
-        seconds: Time from the first to the last event of each, in s.
-        on: Number of ON events of each.
+        seconds: Time from the first to the last event of each recording that was read, in s.
+        on: Number of ON events of each recording that was read.
         images: Name and PNG of some recordings.
     """
 
@@ -54,7 +54,7 @@ class ClassSummary:
         self.on.append(int(np.count_nonzero(events.p)))
 
     def show(self, name: str, events: Events) -> None:
-        """Add an image of the midpoint of a recording."""
+        """Add an image of the 50 ms at the midpoint of a recording."""
         image = event_image(middle(events, SHOWN))
         self.images.append((name, cv2.imencode(".png", image)[1].tobytes()))
 
@@ -74,7 +74,7 @@ class ClassSummary:
 
 
 def gallery(title: str, classes: Sequence[ClassSummary], faults: Sequence[str] = ()) -> str:
-    """Return an HTML page in one file.
+    """Return an HTML page of the classes, which needs no other files.
 
     Args:
         title: Title of the page.

@@ -1,4 +1,4 @@
-"""An HTML page that plays events and shows them as a cloud in space and time, in one file without dependencies."""
+"""HTML page that plays events and shows them as a point cloud in space and time, in one file without dependencies."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from nvsdata.data.samples import Frame
 from nvsdata.plots.films import WINDOW
 
 MOST_FRAMES = 600
-MOST_EVENTS = 20_000_000  # 210 MB
+MOST_EVENTS = 20_000_000  # a page of 210 MB
 
 
 def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window: int | None = None) -> str:
-    """Return an HTML page that contains all events: a player with time slider, speed and window length; rate; cloud.
+    """Return an HTML page of all events: a player, a chart of the event rate over time, and a point cloud.
+
+    The player has controls for time, speed and window length.
 
     Args:
         events: The events. 2 million events make a page of 21 MB.
         title: Title of the page.
         frames: Frames of the same camera, shown behind the events. If there are more than 600, only every second,
             third ... is shown.
-        window: Length of the window at first, in µs (default: 33,333, or a tenth of a recording shorter than ten such
-            windows).
+        window: Initial length of the window in µs (default: 33,333, but at most a tenth of the recording).
 
     Returns:
-        The page's text.
+        The HTML text.
 
     Raises:
         ValueError: If there are more than 20 million events.
@@ -46,7 +47,7 @@ def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window
         )
     t, x, y, p = events.columns
     span = events.end - events.start
-    # 32 bits of µs are 71 minutes
+    # times are stored in 32 bits, which are 71 minutes in µs
     unit = max(1, -(-span // (2**32 - 1)))
     width, height = events.sensor_size
     data = {
@@ -55,7 +56,7 @@ def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window
         "size": [width, height],
         "window": int(min(window or min(WINDOW, span // 10), span)) or 1,
         "t": _text(((t - events.start) // unit).astype("<u4")),
-        # coordinates have 15 bits
+        # coordinates need 15 bits, so the 16th is the polarity
         "xp": _text(x.astype("<u2") | (p.astype("<u2") << 15)),
         "y": _text(y.astype("<u2")),
         "frames": [_photo(frame, events.start) for frame in _some(list(frames))],
@@ -64,7 +65,7 @@ def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window
     about += f", {events.p.mean():.0%} ON" if len(events) else ""
     filled = {"__TITLE__": as_html(title), "__ABOUT__": about, "__DATA__": as_script(data)}
     text = files("nvsdata.plots").joinpath("viewer.html").read_text("utf-8")
-    # all in one pass, because a title may contain the name of another placeholder
+    # placeholders are replaced in one pass, because a title may contain one of them
     return re.sub("|".join(filled), lambda found: filled[found[0]], text)
 
 

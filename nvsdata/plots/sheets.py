@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.data.events import Events
 from nvsdata.plots.drawing import FONT, INK, ON, event_image, put_text, shortened
 
-MOMENTS = 6  # images of each recording in a comparison
+MOMENTS = 6  # images of each recording in `side_by_side`
 LEAST_WIDTH = 160  # pixels; images of smaller sensors are enlarged
 
 
@@ -82,8 +82,8 @@ def side_by_side(a: Events, b: Events, fps: float, offset: int = 0) -> np.ndarra
     Args:
         a: Events of the upper row.
         b: Events of the lower row.
-        fps: Each image shows 1 / fps s of events.
-        offset: µs that are added to the times of `b` (default 0).
+        fps: Images per second: each shows the events of 1 / fps s.
+        offset: Time in µs that is added to the times of `b` (default 0).
 
     Returns:
         uint8 [H, W, 3], BGR.

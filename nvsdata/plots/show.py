@@ -18,8 +18,8 @@ from nvsdata.plots.drawing import event_image, middle
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_POINTS = 50_000  # points of a cloud
-BINS = 200  # of the rate over time
+MOST_POINTS = 50_000  # points that are drawn of a cloud
+BINS = 200  # bins of the rate over time
 SHOWN = 100_000  # µs of events in a notebook's image
 OFF, ON = LINES[:2]
 
@@ -32,7 +32,7 @@ def plot(thing: Any, kind: str | None = None, ax: Axes | None = None) -> Axes:
 
     Args:
         thing: `Events`, a `Recording` (which is decoded), a `Graph`, or a tensor or array [..., H, W].
-        kind: What to draw of events; None for graphs and tensors.
+        kind: Type of the figure of events; None for graphs and tensors.
 
             - "frame" (default): pixels with ON events are red, with OFF events blue, with both purple
             - "cloud": space and time in three dimensions; at most 50,000 events are drawn
@@ -75,7 +75,7 @@ def plot(thing: Any, kind: str | None = None, ax: Axes | None = None) -> Axes:
 
 
 def png(events: Events) -> bytes:
-    """Draw events for a notebook: the 100 ms at the midpoint, and the rate over time. Returns a PNG."""
+    """Draw events for a notebook: the 100 ms at the midpoint, and the rate over time. Return a PNG file."""
     figure = new_figure((900, 330))
     frame, rate = figure.subplots(1, 2, width_ratios=(1, 1.4))
     _frame(frame, middle(events, SHOWN))
@@ -142,7 +142,7 @@ def _histogram(axes: Axes, events: Events) -> None:
     axes.set_xscale("log")
     if len(events):
         axes.set_yscale("log", nonpositive="clip")
-    title = f"{_about(events)}; {np.mean(counts == 0):.0%} of the pixels have none"
+    title = f"{_about(events)}; {np.mean(counts == 0):.0%} of the pixels have no events"
     style_axes(axes, title, "events of a pixel", "pixels")
 
 
@@ -175,7 +175,7 @@ def _tensor(axes: Axes, tensor: torch.Tensor | np.ndarray) -> None:
     count, height, width = images.shape
     columns = max(1, min(count, round(np.sqrt(count * height / width * 1.5))))
     rows = max(1, -(-count // columns))
-    # images are one pixel apart
+    # a gap of one pixel separates images
     sheet = np.full((rows * (height + 1) - 1, columns * (width + 1) - 1), np.nan)
     for n, image in enumerate(images):
         top, left = n // columns * (height + 1), n % columns * (width + 1)

@@ -51,7 +51,7 @@ def test_polarity_is_summed(axes):
 def test_a_histogram_has_every_pixel_with_events(axes):
     nvsdata.plot(EVENTS, "histogram", axes)
     assert sum(bar.get_height() for bar in axes.patches) == 40
-    assert "17% of the pixels have none" in axes.get_title("left") + axes.get_title()
+    assert "17% of the pixels have no events" in axes.get_title("left") + axes.get_title()
 
 
 def test_a_cloud_has_all_events_or_some_of_very_many():
@@ -159,7 +159,7 @@ def test_a_histogram_tells_pixels_of_few_events_from_those_of_many(axes):
     assert list(bars)[:3] == [1, 2, 3]
     last = axes.patches[-1]
     assert last.get_x() + last.get_width() == 101
-    assert title(axes) == "117 events, 0.1 ms; 45% of the pixels have none"
+    assert title(axes) == "117 events, 0.1 ms; 45% of the pixels have no events"
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("events of a pixel", "pixels")
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
 
