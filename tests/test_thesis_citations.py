@@ -36,7 +36,7 @@ def cited(kind):
     ("kind", "pattern", "least"),
     [
         ("section", rf"^({SECTION}) [A-Z]", 20),
-        ("subsection", rf"^({SECTION}) [A-Z]", 6),
+        ("subsection", rf"^({SECTION}) [A-Z]", 1),
         ("equation", r"\((?=[1-6])(\d+\.\d+)\)|tag\{(\d+\.\d+)\}", 5),
         ("table", r"^Table ([1-6]\.\d+)|Table ([1-6]\.\d+):", 10),
     ],
