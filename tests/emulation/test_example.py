@@ -3,7 +3,7 @@
 import numpy as np
 
 import nvsdata
-from nvsdata.emulation.example import SIZE, _frames, _inside
+from nvsdata.emulation.example import FINE, SIZE, _fill, _frames
 
 
 def test_shapes_move_over_the_sensor_and_are_the_same_each_time():
@@ -31,7 +31,8 @@ def test_frames_are_drawn_between_pixels():
     assert len(np.unique(frames[3][:100])) > 2
 
 
-def test_what_lies_in_a_polygon():
-    x, y = np.arange(6)[None, :] + 0.5, np.arange(5)[:, None] + 0.5
-    inside = _inside(x, y, np.array([(1, 1), (4, 1), (4, 3), (1, 3)]))
-    assert np.argwhere(inside).tolist() == [[r, c] for r in (1, 2) for c in (1, 2, 3)]
+def test_a_polygon_is_filled_at_the_points_inside_it():
+    canvas = np.zeros((FINE * 5, FINE * 6), np.int16)
+    _fill(canvas, np.array([(1, 1), (4, 1), (4, 3), (1, 3)]), 7)
+    assert (canvas[FINE : 3 * FINE, FINE : 4 * FINE] == 7).all()
+    assert (canvas == 7).sum() == 6 * FINE**2
