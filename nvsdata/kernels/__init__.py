@@ -1,6 +1,6 @@
 """Compiled loops by subject, in C++ with Python wrappers: arrays in, arrays out; no files, no torch.
 
-`native/` has what they share, and `_native` is the extension module that they become.
+`native/` has the C++ code that they share. `_native` is the compiled extension module.
 """
 
 try:

@@ -26,9 +26,9 @@ def aedat2_decode(
 ) -> tuple[int, int]:
     """Decode AEDAT 2 records. O(N).
 
-    See `decode.atis` for what a decoder takes and returns. `state` is that of `decode.clock`, and `block` the number of
-    records in a block. `layout` DVS128 or DAVIS says what the address bits mean; x and y are mirrored within the chip.
-    Records that are not polarity events are left out.
+    The arguments and results of a decoder are described in `decode.atis`, and `state` in `decode.clock`. `block` is the
+    number of records in a block. `layout`, DVS128 or DAVIS, is the layout of the address bits. x and y are mirrored
+    within the chip. Records that are not polarity events are left out.
     """
     sizes = (chip_width, chip_height, width, height)
     found: tuple[int, int] = _native.aedat2_decode(raw, block, layout, *sizes, state, kept, t, x, y, p)

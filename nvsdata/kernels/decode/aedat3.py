@@ -8,8 +8,8 @@ from nvsdata.kernels import _native
 
 POLARITY_EVENT = 1  # type of packets
 PACKET_HEADER = 28  # bytes
-DISORDER_US = 1_000  # µs by which an event may lie before its packet's first or after its last event
-# Faults of a file of packets: torn, damaged, or cut while it was read
+DISORDER_US = 1_000  # µs by which an event may be before the first or after the last event of its packet
+# Faults of a file of packets: truncated, damaged, or truncated while it was read
 FINE, TORN, NONSENSE, CUT = 0, 1, 2, 3
 FULL = 4  # there are more packets than rows for them
 # Columns of the index of packets: byte of the first event, number of events, µs to add to their times, first and last
@@ -20,8 +20,9 @@ FIRST_BYTE, NUMBER, ADDED, FIRST, LAST, SOME_INVALID = range(6)
 def aedat3_packets(known: np.ndarray, handle: int, size: int, start: int) -> tuple[np.ndarray, int, int]:
     """Walk the packet headers of a file of `size` bytes from byte `start` on. O(packets).
 
-    `known` uint8: the file's first bytes; unless these are all, `handle` is the open file. Returns the index of
-    polarity packets, int64 [M, 6], a fault code, and the byte of the faulty packet (the file's size if none).
+    `known` uint8 has the first bytes of the file. If it isn't the entire file, `handle` is the open file. Returns the
+    index of polarity packets, int64 [M, 6], a fault code, and the byte at which the faulty packet begins (the size of
+    the file if there is none).
     """
     parts, room, at, fault = [], 64, start, FULL
     while fault == FULL:
@@ -46,10 +47,10 @@ def aedat3_decode(
 ) -> tuple[int, int, int, int]:
     """Decode polarity packets of the index. O(events).
 
-    `raw` uint8 holds the file from byte `base` to the end of these packets. Events that aren't marked valid are
-    dropped if the packet's header counts them as invalid. Returns the number of events, the byte of the first
-    one outside the sensor (-1: none), the number of events kept without the mark, and the first packet with events
-    that don't lie between its first and last event (-1: none).
+    `raw` uint8 has the bytes of the file from byte `base` to the end of these packets. Events that aren't marked as
+    valid are dropped if the packet's header counts them as invalid. Returns the number of events, the byte of the first
+    event outside the sensor (-1: none), the number of events that were kept without the mark, and the first packet with
+    events whose times aren't between those of its first and last event (-1: none).
     """
     found: tuple[int, int, int, int] = _native.aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p)
     return found

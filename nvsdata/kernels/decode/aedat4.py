@@ -19,8 +19,9 @@ def aedat4_decode(
 ) -> bool:
     """Write the columns of N events of two int64 words each; return True if all are valid. O(N).
 
-    A word of time, then x, y and polarity in 16 bits each, of which polarity has only 8. Valid are times between
-    -`latest` and `latest`, both excluded, places inside the sensor, and polarities 0 and 1.
+    The first word of an event is its time. The second one has x, y and polarity in 16 bits each, of which polarity uses
+    8. An event is valid if its time is between -`latest` and `latest` (both excluded), its pixel is on the sensor, and
+    its polarity is 0 or 1.
     """
     valid: bool = _native.aedat4_decode(words, latest, width, height, t, x, y, p)
     return valid

@@ -6,8 +6,8 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-# numbers of a frame: times of its begin, its exposure's begin and end, and its end; its left, top, right and bottom
-# edge; and four that only `next_frame` knows
+# numbers of a frame: times of its begin, of the begin and end of its exposure, and of its end; its left, top, right
+# and bottom edge; and four that only `next_frame` uses
 FRAME_FACTS = 12
 
 
@@ -22,20 +22,22 @@ def next_frame(
 ) -> tuple[int, bool]:
     """Process readings from `at` on, up to the first one of the next frame, or to their end. O(N + pixels per frame).
 
-    A frame ends where the next column isn't the adjacent one, where a pixel is read again, and with a call without
-    records.
+    A frame ends before a column that isn't adjacent to the last one, before a pixel that is read again, and at a call
+    without records.
 
     Args:
-        addresses: uint32 [N], of records of pixels.
-        t: int64 [N].
-        at: index of the first record.
-        before: uint16 [height, width], kept between calls, like all that follow; zeros at first.
-        light: uint16 [height, width].
-        state: uint8 [height, width].
-        facts: int64 [FRAME_FACTS].
+        addresses: Addresses of the records of pixels, uint32 [N].
+        t: Times of the records in µs, int64 [N].
+        at: Index of the first record to process.
+        before: Readings before the exposure, uint16 [height, width]. This array and the next three keep their contents
+            between calls, and are zero at first.
+        light: Pixels of the frame, uint16 [height, width].
+        state: Number of readings of each pixel, uint8 [height, width].
+        facts: Numbers that describe the frame, int64 [FRAME_FACTS].
 
     Returns:
-        The record it stopped at, and whether a frame is complete: `facts` describe it, `light` contains its pixels.
+        Index of the next record to process, and whether a frame is complete. `facts` describes the complete frame, and
+        `light` has its pixels.
     """
     found: tuple[int, bool] = _native.next_frame(addresses, t, at, before, light, state, facts)
     return found

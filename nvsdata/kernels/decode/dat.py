@@ -22,8 +22,8 @@ def dat_decode(
 ) -> tuple[int, int]:
     """Decode Prophesee .dat records. O(N).
 
-    See `decode.atis` for what a decoder takes and returns. `state` is that of `decode.clock`, and `block` the number of
-    records in a block.
+    The arguments and results of a decoder are described in `decode.atis`, and `state` in `decode.clock`. `block` is the
+    number of records in a block.
     """
     found: tuple[int, int] = _native.dat_decode(raw, block, version, width, height, state, kept, t, x, y, p)
     return found

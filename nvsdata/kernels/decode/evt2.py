@@ -1,9 +1,9 @@
 """Prophesee EVT2 and EVT 2.1 words to event columns and back; see `kernels.decode.evt`.
 
 Bits 28 to 31 of an EVT2 word, of 32 bits, are its type. An event has the low 6 bits of its time in bits 22 to 27, x in
-11 to 21, y in 0 to 10; a word of time has the high 28 bits. The lower half of an EVT 2.1 word, of 64 bits, is that of
-EVT2; the upper half says which of the 32 pixels from x on have that event. (Where cameras write the halves the other
-way round, they are exchanged before.) `state` is int64 [1].
+11 to 21, y in 0 to 10; a word of time has the high 28 bits. An EVT 2.1 word has 64 bits: its lower half is an EVT2
+word, and its upper half is a mask of the 32 pixels from x on that have this event. (If a camera writes the halves in
+the other order, they are exchanged first.) `state` is int64 [1].
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ def evt2_walk(
 ) -> None:
     """Walk over a piece of the words, uint8 [N], which begins with a block, in O(N).
 
-    Writes for every `block`-th word
+    For every `block`-th word it writes
 
-    - the state in force there (int64 [M, 1]),
-    - the time of the last event before it (int64 [M], -1 if there is none).
+    - the state before this word (int64 [M, 1]),
+    - the time of the last event before this word (int64 [M], -1 if there is none).
     """
     _native.evt2_walk(raw, block, state, seen, states, times)
 
@@ -41,7 +41,10 @@ def evt2_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def evt2_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Return words of sorted events, uint32. O(N). `state` int64 [1]: the high part written last, -1 before any."""
+    """Return the words of sorted events, uint32. O(N).
+
+    `state` int64 [1] is the high part written last, or -1 before the first one.
+    """
     words = np.empty(t.size + count_shown(t, int(state[0]), 28, 6), np.uint32)
     _native.evt2_encode(t, x, y, p, state, words)
     return words
@@ -50,12 +53,12 @@ def evt2_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, stat
 def evt21_walk(
     raw: np.ndarray, block: int, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
 ) -> None:
-    """Walk over a piece of the words, uint8 [N]. O(N). Like `evt2_walk`."""
+    """Walk over a piece of the words, uint8 [N], as `evt2_walk` does. O(N)."""
     _native.evt21_walk(raw, block, state, seen, states, times)
 
 
 def evt21_count(raw: np.ndarray) -> int:
-    """Return the number of events in a piece of the words, those before any time included. O(N)."""
+    """Return the number of events in a piece of the words, including those before the first time. O(N)."""
     count: int = _native.evt21_count(raw)
     return count
 
@@ -74,7 +77,7 @@ def evt21_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def evt21_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Return words of sorted events, uint32 [M, 2]. O(N). `state` as in `evt2_encode`."""
+    """Return the words of sorted events, uint32 [M, 2]. O(N). `state` is that of `evt2_encode`."""
     words = np.empty((t.size + count_shown(t, int(state[0]), 28, 6), 2), np.uint32)
     halves = _native.evt21_encode(t, x, y, p, state, words.reshape(-1))
     return words[: halves // 2]

@@ -1,8 +1,8 @@
 """Prophesee EVT3 words, 16 bits each, to event columns and back; see `kernels.decode.evt`.
 
-Bits 12 to 15 are a word's type. Row, column, and high and low 12 bits of the time come in words of their own; after a
-word with a base, each vector has a bit for each of the next 12 or 8 columns. `state` is int64 [5]: the high part of the
-time in µs, the low part, y, base x and polarity.
+Bits 12 to 15 of a word are its type. Row, column, the high 12 bits and the low 12 bits of the time are in separate
+words. After a word with a base column, each vector word is a mask of the next 12 or 8 columns. `state` int64 [5] has
+the high part of the time in µs, the low part, y, base x and polarity.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from nvsdata.kernels.decode.evt import count_shown, find_triggers
 def evt3_walk(
     raw: np.ndarray, block: int, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
 ) -> None:
-    """Walk over a piece of the words, uint8 [N]. O(N). Like `evt2_walk` (states int64 [M, 5])."""
+    """Walk over a piece of the words, uint8 [N], as `evt2_walk` does, with states int64 [M, 5]. O(N)."""
     _native.evt3_walk(raw, block, state, seen, states, times)
 
 
 def evt3_count(raw: np.ndarray) -> int:
-    """Return the number of events in a piece of the words, those before any time included. O(N)."""
+    """Return the number of events in a piece of the words, including those before the first time. O(N)."""
     count: int = _native.evt3_count(raw)
     return count
 
@@ -40,9 +40,9 @@ def evt3_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def evt3_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Return words of sorted events, uint16. O(N).
+    """Return the words of sorted events, uint16. O(N).
 
-    `state` int64 [3]: the high and low part of the time and the row that were written last, -1 before any.
+    `state` int64 [3] has the high part and low part of the time and the row that were written last, or -1 each.
     """
     # at most a low part, a row and one word for each event
     words = np.empty(3 * t.size + count_shown(t, int(state[0]), 12, 12), np.uint16)

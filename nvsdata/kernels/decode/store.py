@@ -8,9 +8,9 @@ from nvsdata.kernels import _native
 
 
 def marked_range(marks: np.ndarray, base: int, start: int, stop: int) -> tuple[int, int]:
-    """Return the blocks that have events with start <= t < stop: the first one, and the one after the last.
+    """Return the first block that has events with start <= t < stop, and the one after the last such block.
 
-    `marks` uint32 or int64: the blocks' first times, to which `base` is added. O(log blocks).
+    O(log blocks).     `marks` uint32 or int64 has the first time of each block, to which `base` is added.
     """
     blocks: tuple[int, int] = _native.marked_range(marks, base, start, stop)
     return blocks
@@ -34,28 +34,30 @@ def read_window(
     x_width: int,
     y_width: int,
 ) -> int:
-    """Read events with start <= t + base < stop among lo, lo + 1, ... of an open file, as many as fit into the outputs.
+    """Read the events with start <= t + base < stop from an open file, from event `lo` on.
+
+    As many events as fit into the outputs are examined.
 
     Args:
-        out_t: int64, output.
-        out_x: int16, output, like `out_y`.
-        out_y: int16.
-        out_p: uint8, output.
-        base: added to stored times.
-        start: see above.
-        stop: see above.
-        handle: the file.
-        lo: number of the first event.
-        t0: byte at which the times begin, as `x0`, `y0` and `p0` of the other columns.
-        x0: see `t0`.
-        y0: see `t0`.
-        p0: see `t0`.
-        t_width: bytes of a time: 4 for uint32, 8 for int64.
-        x_width: bytes of a column: 1 for uint8, 2 for uint16, like `y_width`.
-        y_width: see `x_width`.
+        out_t: Output for times in µs, int64.
+        out_x: Output for columns, int16.
+        out_y: Output for rows, int16.
+        out_p: Output for polarities, uint8.
+        base: Time in µs that is added to stored times.
+        start: First time of the window in µs.
+        stop: End of the window in µs, excluded.
+        handle: Descriptor of the file.
+        lo: Number of the first event to read.
+        t0: Byte at which the times begin.
+        x0: Byte at which the x begin.
+        y0: Byte at which the y begin.
+        p0: Byte at which the polarities begin.
+        t_width: Bytes of a stored time: 4 for uint32, 8 for int64.
+        x_width: Bytes of a stored x: 1 for uint8, 2 for uint16.
+        y_width: Bytes of a stored y: 1 for uint8, 2 for uint16.
 
     Returns:
-        Number of events, or -1 if the file has fewer bytes than it took.
+        Number of events, or -1 if the file ends too early.
     """
     count: int = _native.read_window(
         out_t, out_x, out_y, out_p, base, start, stop, handle, lo, t0, x0, y0, p0, t_width, x_width, y_width
@@ -76,10 +78,10 @@ def stored_window(
     y: np.ndarray,
     p: np.ndarray,
 ) -> int:
-    """Copy events of stored columns with start <= t + base < stop; return their number. O(log N + events found).
+    """Copy the events with start <= t + base < stop from stored columns; return their number. O(log N + events found).
 
-    `t` uint32 or int64, `x` and `y` uint8 or uint16, and `p` uint8 are written to `out_t` int64 (with `base` added),
-    `out_x`, `out_y` int16 and `out_p` uint8, which must be at least as long.
+    `t` is uint32 or int64, `x` and `y` are uint8 or uint16, and `p` is uint8. They are written to `out_t` int64 (with
+    `base` added), `out_x` and `out_y` int16 and `out_p` uint8, which must be at least as long.
     """
     count: int = _native.stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p)
     return count
@@ -88,7 +90,7 @@ def stored_window(
 def read_samples(handle: int, begin: int, step: int, out: np.ndarray) -> int:
     """Fill the rows of `out`, uint8 [N, size], with the bytes from `begin` on, one row every `step` bytes.
 
-    Returns the number of rows that there were bytes for: 0 on systems without `os.pread`.
+    Returns the number of rows that were filled before the end of the file: 0 on systems without `os.pread`.
     """
     count: int = _native.read_samples(handle, begin, step, out)
     return count

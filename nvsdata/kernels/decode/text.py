@@ -16,14 +16,14 @@ def text_decode(
     """Parse lines of four numbers. O(bytes).
 
     Args:
-        raw: uint8 [N].
-        seconds_first: a line is `t x y p` with t in seconds (kept exact: digits, not floats, rounded down to the µs);
-            otherwise `x y t p`, all integers, t in µs. Empty lines and lines that begin with `#` are skipped.
-        skip_faults: drop faulty lines; otherwise the first one ends the parsing.
-        columns: t int64, x, y int16, p uint8, to be filled, with room for an event per line.
+        raw: Bytes of the text, uint8 [N]. Empty lines and lines that begin with `#` are skipped.
+        seconds_first: True if a line is `t x y p` with t in seconds, whose digits are converted to µs exactly and
+            rounded down. False if a line is `x y t p`, all integers, with t in µs.
+        skip_faults: True to drop faulty lines. Otherwise the first faulty line ends the parsing.
+        columns: Outputs t int64, x and y int16, and p uint8, with room for an event per line.
 
     Returns:
-        (events, fault code, byte of the fault, lines dropped).
+        Number of events, fault code, byte of the fault, and number of dropped lines.
     """
     result: tuple[int, int, int, int] = _native.text_decode(raw, seconds_first, skip_faults, *columns)
     return result
