@@ -6,7 +6,7 @@ import pytest
 from pipelines import changes, transforms_of
 
 from nvsdata.training import accuracy_by_window as lengths
-from nvsdata.training import evaluation
+from nvsdata.training import evaluation, report
 
 
 @pytest.fixture(autouse=True)
@@ -23,6 +23,19 @@ def tested_on(monkeypatch):
     monkeypatch.setattr(evaluation, "predict", predict)
     monkeypatch.setattr(lengths, "predict", predict)
     return seen
+
+
+@pytest.fixture(autouse=True)
+def _few_draws(monkeypatch):
+    # a report draws few recordings five times, which costs more than training them
+    monkeypatch.setattr(lengths, "MOST_DRAWS", 1)
+
+
+@pytest.fixture
+def plotless(monkeypatch):
+    """Reports without plots, which take longer to draw than such small networks to train."""
+    monkeypatch.setattr(report, "_pictures", lambda *_: {})
+    monkeypatch.setattr(report, "_sheet", lambda *_: None)
 
 
 @pytest.fixture

@@ -14,15 +14,8 @@ from places import RECIPES
 
 import nvsdata
 from nvsdata import models, training
-from nvsdata.training import accuracy_by_window as lengths
 from nvsdata.training import sgd
 from nvsdata.training.actions import FRAME_NETWORKS, Actions
-
-
-@pytest.fixture(autouse=True)
-def _few_draws(monkeypatch):
-    # of few recordings a report draws five times, which costs more than training; `test_train_objects.py` has that
-    monkeypatch.setattr(lengths, "MOST_DRAWS", 2)
 
 
 @pytest.fixture

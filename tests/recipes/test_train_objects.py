@@ -25,6 +25,7 @@ def timeless(log):
     return [{k: v for k, v in line.items() if k != "seconds"} for line in log]
 
 
+@pytest.mark.usefixtures("plotless")
 def test_trains_resumes_exactly_and_votes(run, fake_nmnist, tmp_path):
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 3, "--votes", 2, "--seed", 3)
     common = (*common, "--device", "cpu")
@@ -106,6 +107,7 @@ class Untouchable(nvsdata.NMNIST):
         return super().recording(index)
 
 
+@pytest.mark.usefixtures("plotless")
 @pytest.mark.parametrize("validate", [0, 0.4])
 def test_test_recordings_are_read_after_training_only(run, many, tmp_path, monkeypatch, validate):
     monkeypatch.setattr("nvsdata.training.data.dataset_named", lambda name: Untouchable)
@@ -128,6 +130,7 @@ def test_test_recordings_are_read_after_training_only(run, many, tmp_path, monke
         assert (found["run"]["epoch"], found["run"]["epoch_chosen_by"]) == (best["epoch"], "validation accuracy")
 
 
+@pytest.mark.usefixtures("plotless")
 def test_a_run_is_repeated_from_its_report(run, fake_nmnist, tmp_path):
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 1, "--votes", 1, "--k", 8, "--seed", 4)
     run("train_objects.py", *common, "--device", "cpu", "--out", tmp_path / "one")
@@ -181,6 +184,7 @@ runpy.run_path({recipe!r}, run_name="__main__")
 """
 
 
+@pytest.mark.usefixtures("plotless")
 def test_a_folder_without_splits_is_split(run, fake_nmnist, tmp_path):
     common = ("--dataset", "folder", "--root", fake_nmnist / "Train", "--out", tmp_path / "out", "--epochs", 1)
     common = (*common, "--votes", 1)
@@ -198,6 +202,7 @@ def test_a_damaged_file_does_not_end_a_training(run, fake_nmnist, tmp_path):
     assert not {path.name for path in (tmp_path / "out").iterdir()} & (PICTURES | {"report.json"})
 
 
+@pytest.mark.usefixtures("plotless")
 @pytest.mark.filterwarnings("ignore:.*takes its place")
 def test_a_damaged_recording_to_test_on_is_replaced_in_a_report_too(run, fake_nmnist, tmp_path):
     (fake_nmnist / "Test/3/00002.bin").write_bytes(b"abc")
@@ -243,6 +248,7 @@ ABLATIONS = {
 }
 
 
+@pytest.mark.usefixtures("plotless")
 @pytest.mark.parametrize("flags", ABLATIONS.values(), ids=ABLATIONS)
 def test_ablations(run, fake_nmnist, tmp_path, flags):
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path, "--epochs", 1, "--votes", 1)
