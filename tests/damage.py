@@ -123,8 +123,8 @@ def disagreement(path: Path, rng: np.random.Generator, block: int | None = None)
                 return f"an error that doesn't name the file: {error}"
             continue
         span = (int(whole.t[0]), int(whole.t[-1])) if len(whole) else (0, 0)
-        if (told := opened(path, strict, block).span) != span:
-            return f"strict={strict}: span {told}, events from {span[0]} to {span[1]}"
+        if (result := opened(path, strict, block).span) != span:
+            return f"strict={strict}: span {result}, events from {span[0]} to {span[1]}"
         recording = opened(path, strict, block)
         for _ in range(2):
             edges = rng.choice(whole.t, 2) if len(whole) else np.array([0, 10])

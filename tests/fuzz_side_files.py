@@ -348,8 +348,8 @@ def davis(rng: Rng, home: Path) -> str:
     words[0] = 1
     head = header(DavisDecoder(240, 180, steady=True), choice(rng, (None, 10**6)), {"camera": "DAVIS240C"})
     if rng.random() < 0.4:
-        told = json_changed(json.loads(head[len(MARK) :]), rng)
-        head = MARK + json.dumps(told).encode() + b"\n"
+        result = json_changed(json.loads(head[len(MARK) :]), rng)
+        head = MARK + json.dumps(result).encode() + b"\n"
     body = words[: count + 1].copy()
     some = rng.integers(0, len(body), int(rng.integers(0, 6)))
     body[some] = rng.integers(0, 1 << 16, some.size) if rng.random() < 0.5 else rng.integers(0, 20, some.size)

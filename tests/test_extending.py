@@ -222,9 +222,9 @@ def test_entry_points_that_work_and_one_that_does_not(monkeypatch):
     with pytest.warns(UserWarning, match="installed package") as warned:
         assert T.from_repr("Fraction(1, 2)") == 0.5
     # other packages may warn of things of their own
-    told = [text for warning in warned if "installed package" in (text := str(warning.message))]
-    assert "the transform 'gone' (no_such_package:Thing) of an installed package can't be used" in told[0]
-    assert "'odd' (json:dumps)" in told[1]
+    messages = [text for warning in warned if "installed package" in (text := str(warning.message))]
+    assert "the transform 'gone' (no_such_package:Thing) of an installed package can't be used" in messages[0]
+    assert "'odd' (json:dumps)" in messages[1]
     assert repr(T.from_repr("Window(0, 5)")) == "Window(start=0, stop=5)"
 
 

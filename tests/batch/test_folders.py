@@ -189,19 +189,19 @@ def test_what_is_noted_of_a_video(tmp_path, video):
     assert file_facts(video) == {"bytes": 5, "modified": modified, "sha256": hashlib.sha256(b"video").hexdigest()}
     assert sha256(video.target) == hashlib.sha256(b"recording").hexdigest()
     full, odd = OSError(errno.ENOSPC, "full"), FormatError("a", "b")
-    told = {}
-    with catch_failure(video, told):
+    result = {}
+    with catch_failure(video, result):
         pass
-    assert told == {}
+    assert result == {}
     for error in (ValueError("odd"), OSError("odd"), MemoryError("odd"), runs.cv2.error("odd")):
-        told = {}
-        with catch_failure(video, told):
+        result = {}
+        with catch_failure(video, result):
             raise error
-        assert told == {"status": "failed", "reason": "odd"}
+        assert result == {"status": "failed", "reason": "odd"}
     for error, more in ((full, ()), (odd, (FormatError,)), (KeyError("x"), ())):
-        with pytest.raises(type(error)), catch_failure(video, told := {}, more):
+        with pytest.raises(type(error)), catch_failure(video, result := {}, more):
             raise error
-        assert told == {}
+        assert result == {}
 
 
 def test_a_video_that_is_gone_fails_and_the_rest_goes_on(tmp_path):
@@ -209,7 +209,7 @@ def test_a_video_that_is_gone_fails_and_the_rest_goes_on(tmp_path):
         write_video(tmp_path / f"in/{name}.avi")
     gone, there = videos_in(tmp_path / "in", tmp_path / "out")
     gone.path.unlink()
-    told = [convert(Job(video, PIX2NVS(), None, None)) for video in (gone, there)]
-    assert [line["status"] for line in told] == ["failed", "converted"]
-    assert "No such file" in told[0]["reason"]
-    assert told[1] == told[1] | file_facts(there)
+    result = [convert(Job(video, PIX2NVS(), None, None)) for video in (gone, there)]
+    assert [line["status"] for line in result] == ["failed", "converted"]
+    assert "No such file" in result[0]["reason"]
+    assert result[1] == result[1] | file_facts(there)

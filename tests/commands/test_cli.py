@@ -79,8 +79,8 @@ def test_the_demos_network_learns(tmp_path, monkeypatch, capsys):
     assert lines[0]["loss"] > 1.5
     assert lines[-1]["loss"] < 1.35
     assert lines[-1]["train_accuracy"] >= 0.5
-    told = capsys.readouterr().out.splitlines()
-    single, votes = (float(line.partition(":")[2].split()[0]) for line in told[-3:-1])
+    output = capsys.readouterr().out.splitlines()
+    single, votes = (float(line.partition(":")[2].split()[0]) for line in output[-3:-1])
     assert single >= 0.45
     assert votes >= 0.5
     assert votes * 20 == pytest.approx(round(votes * 20))
@@ -92,13 +92,13 @@ def test_demo_makes_data_pictures_and_the_same_model_again(tmp_path, monkeypatch
     for name in ("one", "two"):
         out = tmp_path / name
         assert main(["demo", "--out", str(out), "--epochs", "2", "--seed", "3"]) == 0
-        told = capsys.readouterr().out.splitlines()
-        assert told[0] == f"10 recordings for training, 5 for validation, 5 for testing, in {out / 'shapes'}"
-        assert told[-4] == "accuracy on 5 test recordings, with 95% intervals"
-        assert re.fullmatch(r"  one 30 ms window: +0\.\d{3} \(0\.\d{3} to 0\.\d{3}\)", told[-3])
-        assert told[-2].startswith("  vote of 5 such windows: ")
+        output = capsys.readouterr().out.splitlines()
+        assert output[0] == f"10 recordings for training, 5 for validation, 5 for testing, in {out / 'shapes'}"
+        assert output[-4] == "accuracy on 5 test recordings, with 95% intervals"
+        assert re.fullmatch(r"  one 30 ms window: +0\.\d{3} \(0\.\d{3} to 0\.\d{3}\)", output[-3])
+        assert output[-2].startswith("  vote of 5 such windows: ")
         network = out / "model.safetensors"
-        assert told[-1] == f"plots: {out / 'samples.png'}, {out / 'learning.png'}; network: {network}"
+        assert output[-1] == f"plots: {out / 'samples.png'}, {out / 'learning.png'}; network: {network}"
         lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
         logs.append([{k: v for k, v in line.items() if k != "seconds"} for line in lines])
     # not by the clock
@@ -252,9 +252,9 @@ def test_every_setting_of_the_emulation_is_explained():
 def test_settings_have_a_help_of_their_own(command, capsys):
     with pytest.raises(SystemExit, match="0"):
         main([command, "--settings-help"])
-    told = " ".join(capsys.readouterr().out.split())
-    assert all(f" {name} (" in told for name in HELP)
-    assert all(text in told for text in (*HELP.values(), *PRESET_HELP.values()))
+    output = " ".join(capsys.readouterr().out.split())
+    assert all(f" {name} (" in output for name in HELP)
+    assert all(text in output for text in (*HELP.values(), *PRESET_HELP.values()))
     named = " ".join(PRESET_HELP).replace("-1 to -5", "-")
     assert all(name in named or name.startswith("table-3.3-row-") for name in ALL)
 

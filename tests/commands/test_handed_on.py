@@ -215,16 +215,16 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "setswitchinterval", asked.append)
     failed = {}
     assert main(["convert-videos", "in"]) == 0
-    told = "1,200 converted, 3,400 already existed, {} failed; 5,600,000 events converted, "
-    told += "4,600 recordings with 5,600,100 events in {}\n"
-    assert capsys.readouterr() == (told.format(0, convert.default_out(Path("in"))), "")
+    output = "1,200 converted, 3,400 already existed, {} failed; 5,600,000 events converted, "
+    output += "4,600 recordings with 5,600,100 events in {}\n"
+    assert capsys.readouterr() == (output.format(0, convert.default_out(Path("in"))), "")
     failed = {"a.avi": "cut off", "b.avi": "empty"}
     words = ["--out", "out", "--size", "40x30", "--fps", "25", "--limit", "7", "--jobs", "2", "--scheduler", "here"]
     words += ["--overwrite", "--check", "--preview", "--start", "1.5", "--stop", "4", "--fit", "crop"]
     words += ["--crop", "1", "2", "30", "20"]
     assert main(["convert-videos", "in", *words]) == 1
     assert capsys.readouterr() == (
-        told.format(2, "out"),
+        output.format(2, "out"),
         f"a.avi: cut off\nb.avi: empty\npreviews are in {Path('out/.previews')}\n",
     )
     plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
@@ -255,8 +255,8 @@ def test_what_was_packed_is_counted(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr() == ("1,200 recordings, 5,600,000 events in b.h5; 0 left out\n", "")
     skipped["a\nb"] = "cut off"
     assert main([*words, "--split", "train", "--jobs", "3", "--compress", "--overwrite"]) == 1
-    told = capsys.readouterr()
-    assert told == ("1,200 recordings, 5,600,000 events in b.h5; 1 left out\n", "left out a\\nb: cut off\n")
+    output = capsys.readouterr()
+    assert output == ("1,200 recordings, 5,600,000 events in b.h5; 1 left out\n", "left out a\\nb: cut off\n")
     assert asked[0] == ("EventFolder", "all", Path("b.h5"), {"jobs": 1, "compress": False, "overwrite": False})
     assert asked[1] == ("EventFolder", "train", Path("b.h5"), {"jobs": 3, "compress": True, "overwrite": True})
     with pytest.raises(SystemExit, match="2"):
@@ -373,9 +373,9 @@ def test_a_journal_goes_once_its_recording_is_whole(tmp_path, monkeypatch, capsy
     assert main(["convert", source, "b.h5", "--sensor-size", "4x3", *(["--repair"] if repairs else [])]) == 0
     assert (tmp_path / source).exists() == stays
     assert asked == [{"sensor_size": (4, 3), "strict": not repairs}]
-    told = ["b.h5 can't contain everything: frames and triggers are left out\n"] if lost else []
-    told += [f"{source}: 1200 bytes\n"] if repairs else []
-    assert capsys.readouterr() == ("1,200 events in b.h5\n", "".join(told))
+    output = ["b.h5 can't contain everything: frames and triggers are left out\n"] if lost else []
+    output += [f"{source}: 1200 bytes\n"] if repairs else []
+    assert capsys.readouterr() == ("1,200 events in b.h5\n", "".join(output))
 
 
 @pytest.mark.parametrize("closed", [(), (0,), (2,), (0, 1, 2)])

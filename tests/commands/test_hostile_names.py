@@ -188,10 +188,10 @@ def test_every_page_shows_names_as_text(root):
 def test_a_repr_and_a_warning_are_safe_where_no_command_runs(root):
     clean(repr(EventFolder(root)))
     data = EventFolder(root, errors="skip")
-    with pytest.warns(UserWarning, match="owned") as told:
+    with pytest.warns(UserWarning, match="owned") as expected:
         for _ in data:
             pass
-    for one in told:
+    for one in expected:
         clean(str(one.message))
     clean(str(FormatError(BAD, BAD)))
     clean(aligned([[BAD, "a"], ["a", BAD]]))
@@ -247,10 +247,10 @@ def test_a_bar_moves_the_cursor_and_its_words_do_not(monkeypatch):
 
 def test_one_function_for_pages_one_for_scripts_and_one_for_errors():
     assert as_html("<a href='x'>&\"\n\x1b\udcff", "\n") == "&lt;a href=&#x27;x&#x27;&gt;&amp;&quot;\n\\x1b\\udcff"
-    told = as_script({"</script>": ["<!--", "\u2028", "\udcff", 1.5]})
-    assert "<" not in told
-    assert told.isascii()
-    assert json.loads(told) == {"</script>": ["<!--", "\u2028", "\udcff", 1.5]}
+    result = as_script({"</script>": ["<!--", "\u2028", "\udcff", 1.5]})
+    assert "<" not in result
+    assert result.isascii()
+    assert json.loads(result) == {"</script>": ["<!--", "\u2028", "\udcff", 1.5]}
     assert message_of(ValueError("a\nb")) == "a\\nb"
     sent = "Caught FormatError in worker 0.\nTraceback:\n  a: b\nFormatError: a: t\x1b\n"
     assert message_of(ValueError(sent)) == "a: t\\x1b"

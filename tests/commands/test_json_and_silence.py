@@ -67,9 +67,9 @@ def trees_empty(tmp_path):
 
 
 def test_datasets_as_json(said, digits, tmp_path):
-    code, (told,) = said("datasets", "--root", digits.parent, "--json")
+    code, (result,) = said("datasets", "--root", digits.parent, "--json")
     assert code == 0
-    first = told["datasets"][0]
+    first = result["datasets"][0]
     assert (first["name"], first["here"], first["sensor_size"]) == ("n-mnist", str(digits), [34, 34])
     out = tmp_path / "n.h5"
     how = ["pack", digits, "--dataset", "n-mnist", "--out", out, "--json"]
@@ -139,13 +139,13 @@ def no_backend(**_):
 
 
 @pytest.mark.parametrize(
-    ("number", "told", "cure"),
+    ("number", "result", "cure"),
     [
         (13, "no permission to use the camera", "65-davis.rules"),
         (16, "another program uses the camera", "close it"),
     ],
 )
-def test_a_camera_that_cannot_be_used_is_told_with_the_way_out(said, monkeypatch, number, told, cure):
+def test_a_camera_that_cannot_be_used_is_told_with_the_way_out(said, monkeypatch, number, result, cure):
     from nvsdata.recording.simulated.camera import SimulatedDavis
     from nvsdata.recording.simulated.options import Simulation
     from nvsdata.recording.simulated.usb_backend import Backend
@@ -154,7 +154,7 @@ def test_a_camera_that_cannot_be_used_is_told_with_the_way_out(said, monkeypatch
     code, found = said("record", "--list", "--simulate", "--json")
     (camera,) = [one for one in found if one["what"] == "camera"]
     assert code == 1
-    assert told in camera["found"]
+    assert result in camera["found"]
     assert cure in camera["cure"]
     monkeypatch.setattr(Simulation, "alone", lambda self: Backend())
     code, (none,) = said("record", "--list", "--simulate", "--json")
@@ -241,9 +241,9 @@ def test_quiet_leaves_notes_and_progress_out(monkeypatch, capsys, tmp_path):
     assert main(["datasets", "-q"]) == 0
     assert capsys.readouterr() == ("result\n", "")
     assert main(["datasets"]) == 0
-    told = capsys.readouterr()
-    assert "by the way" in told.err
-    assert "working" in told.err
+    output = capsys.readouterr()
+    assert "by the way" in output.err
+    assert "working" in output.err
     assert seen == [True, False]
     assert not is_quiet()
     with pytest.raises(SystemExit):
@@ -264,9 +264,9 @@ def test_broken_videos_are_told_once_and_by_name(tmp_path):
         (tmp_path / f"in/{n}.mp4").parent.mkdir(exist_ok=True)
         (tmp_path / f"in/{n}.mp4").write_bytes(content)
     command = [sys.executable, "-m", "nvsdata", "convert-videos", str(tmp_path / "in")]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert told.returncode == 1
-    assert [line[:6] for line in told.stderr.splitlines()] == ["0.mp4:", "1.mp4:", "2.mp4:"]
+    output = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert output.returncode == 1
+    assert [line[:6] for line in output.stderr.splitlines()] == ["0.mp4:", "1.mp4:", "2.mp4:"]
 
 
 def test_the_shell_is_told_how_a_line_goes_on(monkeypatch):

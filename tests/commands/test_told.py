@@ -36,7 +36,7 @@ INFO = """\
 
 
 @pytest.mark.parametrize(
-    ("t", "p", "told"),
+    ("t", "p", "output"),
     [
         (
             [5, 15, 15, 2_000_005],
@@ -51,14 +51,14 @@ INFO = """\
         ),
     ],
 )
-def test_info_tells_exactly_this(tmp_path, capsys, t, p, told):
+def test_info_tells_exactly_this(tmp_path, capsys, t, p, output):
     nvsdata.write(
         Events(t, [n // 10 % 3 if len(t) > 9 else 1 for n in range(len(t))], [0] * len(t), p, (34, 30)),
         tmp_path / "a.h5",
     )
     assert main(["info", str(tmp_path / "a.h5")]) == 0
     names = ("events", "time", "rate", "polarity", "anomalies")
-    assert capsys.readouterr().out == INFO.format(file=tmp_path / "a.h5", **dict(zip(names, told, strict=True)))
+    assert capsys.readouterr().out == INFO.format(file=tmp_path / "a.h5", **dict(zip(names, output, strict=True)))
 
 
 def test_info_of_nothing_tells_no_times(tmp_path, capsys):
@@ -109,10 +109,10 @@ def test_compare_says_at_once_that_a_folder_is_not_there(two, tmp_path, capsys, 
 def test_compare_uses_30_frames_per_second_and_no_offset(two, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["compare", *map(str, two)]) == 0
-    told = capsys.readouterr().out
-    assert told == compare_files(*two, Path("compare.png"), fps=30.0)[0] + "\n"
-    assert told == compare_files(*two, Path("compare.png"), fps=30.0, offset=0)[0] + "\n"
-    assert told != compare_files(*two, Path("compare.png"), fps=31.0)[0] + "\n"
+    output = capsys.readouterr().out
+    assert output == compare_files(*two, Path("compare.png"), fps=30.0)[0] + "\n"
+    assert output == compare_files(*two, Path("compare.png"), fps=30.0, offset=0)[0] + "\n"
+    assert output != compare_files(*two, Path("compare.png"), fps=31.0)[0] + "\n"
 
 
 def test_convert_tells_how_many_events_and_what_is_left_out(tmp_path, capsys):
@@ -149,8 +149,8 @@ def test_where_a_dataset_is(tmp_path, names, wanted, found):
 
 
 def test_the_table_of_datasets_has_their_facts(tmp_path):
-    told = datasets.table(datasets.dataset_facts(tmp_path / "nowhere"))
-    lines = {line.split()[0]: " ".join(line.split()) for line in told.splitlines()}
+    result = datasets.table(datasets.dataset_facts(tmp_path / "nowhere"))
+    lines = {line.split()[0]: " ".join(line.split()) for line in result.splitlines()}
     assert lines["name"] == "name sensor recordings classes size license location or source"
     assert lines["n-mnist"] == "n-mnist 34x34 70,000 10 ? CC BY-SA 4.0 nvsdata download n-mnist"
     assert lines["mnist-dvs"].startswith("mnist-dvs 128x128 30,000 10 6.2 GB not stated ")
@@ -316,11 +316,11 @@ def test_help_tells_defaults_once(capsys):
     add("--left", default=argparse.SUPPRESS, help="g")
     add("--secret", default=3)
     words = " ".join(parser.format_help().split())
-    for told in (
+    for output in (
         "place a options:", "NUMBER b (default 0) --own", "OWN c (default: seven) --off", "d --list", "e --none",
         "f --left", "g --secret", "--secret SECRET",
     ):  # fmt: skip
-        assert told in words
+        assert output in words
     assert words.count("default") == 2
 
 
@@ -328,10 +328,10 @@ def test_help_tells_defaults_once(capsys):
 def test_help_begins_with_a_sentence(command, capsys):
     with pytest.raises(SystemExit):
         main([command, "--help"])
-    told = " ".join(capsys.readouterr().out.split())
+    output = " ".join(capsys.readouterr().out.split())
     sentence = COMMANDS[command].help
     if command != "tune":
-        assert f" {sentence[0].upper()}{sentence[1:]}. " in told
+        assert f" {sentence[0].upper()}{sentence[1:]}. " in output
     with pytest.raises(SystemExit):
         main(["--help"])
     assert sentence in " ".join(capsys.readouterr().out.split())

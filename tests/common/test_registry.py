@@ -79,14 +79,14 @@ def test_whether_there_are_new_ones(breads):
 def test_what_cannot_be_loaded_is_told_and_the_others_work(breads):
     known, installed, _ = breads
     installed |= {"bad": OSError("no flour"), "worse": SystemExit(3), "rye": rye}
-    with pytest.warns(UserWarning, match="the bread") as told:
+    with pytest.warns(UserWarning, match="the bread") as expected:
         assert list(known) == ["rye"]
-    assert [str(warning.message) for warning in told] == [
+    assert [str(warning.message) for warning in expected] == [
         "the bread 'bad' (package:thing) of an installed package can't be used: OSError: no flour",
         "the bread 'worse' (package:thing) of an installed package can't be used: SystemExit: 3",
     ]
     # told where it was asked for
-    assert told[0].filename == __file__
+    assert expected[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert list(known) == ["rye"]

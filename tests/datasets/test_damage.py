@@ -109,9 +109,9 @@ def test_a_hundred_in_a_row_are_too_many(count, found):
         with pytest.raises(FormatError, match="is 0"):
             quietly(lambda: damage.Damage(200).first_readable(0, make))
     else:
-        told = damage.Damage(200)
-        assert quietly(lambda: told.first_readable(0, make)) == found
-        assert told.found() == dict.fromkeys(range(count), damage.REPLACED)
+        result = damage.Damage(200)
+        assert quietly(lambda: result.first_readable(0, make)) == found
+        assert result.found() == dict.fromkeys(range(count), damage.REPLACED)
     # of a few, each is tried once
     tried = []
     with pytest.raises(FormatError, match="is 2"):
@@ -124,10 +124,10 @@ def test_a_machine_that_has_run_out_is_no_damage(number):
     def make(index):
         raise OSError(number, "none left")
 
-    told = damage.Damage(3)
+    result = damage.Damage(3)
     with pytest.raises(OSError, match="none left"):
-        told.first_readable(0, make)
-    assert told.found() == {}
+        result.first_readable(0, make)
+    assert result.found() == {}
 
 
 def test_nothing_is_counted_where_damage_raises(digits):

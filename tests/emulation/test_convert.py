@@ -501,12 +501,12 @@ def test_a_damaged_stream_is_marked_in_the_manifest(videos, tmp_path, capsys):
     for jobs in (1, 2):
         out = tmp_path / f"out{jobs}"
         assert main(["convert-videos", str(videos), "--out", str(out), "--jobs", str(jobs)]) == 0
-        told = capsys.readouterr()
+        output = capsys.readouterr()
         found = {line["video"]: line.get("decoder_errors", 0) for line in lines(out)[1:]}
         assert found.pop("run/a.mp4") >= 1
         assert not any(found.values())
-        assert "run/a.mp4: its stream is damaged, frames may be smeared: " in told.err
-        assert told.out.startswith("4 converted, 0 already existed, 0 failed")
+        assert "run/a.mp4: its stream is damaged, frames may be smeared: " in output.err
+        assert output.out.startswith("4 converted, 0 already existed, 0 failed")
 
 
 def films(out):
@@ -544,9 +544,9 @@ def test_previews_are_made_where_there_is_none(videos, tmp_path, capsys):
     assert not (out / ".previews").exists()
     for jobs in ("1", "2"):
         assert main(["convert-videos", str(videos), "--out", str(out), "--preview", "--jobs", jobs]) == 0
-        told = capsys.readouterr()
-        assert f"previews are in {out / '.previews'}\n" in told.err
-        assert told.out.startswith("0 converted, 4 already existed, 0 failed")
+        output = capsys.readouterr()
+        assert f"previews are in {out / '.previews'}\n" in output.err
+        assert output.out.startswith("0 converted, 4 already existed, 0 failed")
         assert len(films(out)) == 4
         for name in films(out)[: int(jobs) + 1]:
             (out / ".previews" / name).unlink()
@@ -595,9 +595,9 @@ def test_what_keeps_a_preview_from_being_made_costs_no_recording(videos, tmp_pat
     monkeypatch.setattr(preview, "save_mp4", fails)
     out = tmp_path / "out"
     assert main(["convert-videos", str(videos / "run/a.avi"), "--out", str(out), "--preview"]) == 0
-    told = capsys.readouterr()
-    assert "a.avi: no preview: no codec\n" in told.err
-    assert told.out.startswith("1 converted, 0 already existed, 0 failed")
+    output = capsys.readouterr()
+    assert "a.avi: no preview: no codec\n" in output.err
+    assert output.out.startswith("1 converted, 0 already existed, 0 failed")
 
     def full(pictures, path, fps):
         raise OSError(errno.ENOSPC, "full")

@@ -76,11 +76,11 @@ def test_two_downloads(slow_host, tmp_path):
     assert content(tmp_path / "data") == slow_host.expected
 
 
-@pytest.mark.parametrize("told", [True, False], ids=["room is checked", "room is found out"])
-def test_disks_of_any_size(tmp_path, monkeypatch, told):
+@pytest.mark.parametrize("message", [True, False], ids=["room is checked", "room is found out"])
+def test_disks_of_any_size(tmp_path, monkeypatch, message):
     monkeypatch.delenv("NVSDATA_MIRROR", raising=False)
     monkeypatch.setattr(transfer.time, "sleep", lambda _: None)
-    if not told:
+    if not message:
         plenty = shutil.disk_usage("/")._replace(free=1 << 40)
         monkeypatch.setattr(shutil, "disk_usage", lambda _: plenty)
     files = recordings(4, 6_000)

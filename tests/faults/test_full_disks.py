@@ -175,8 +175,8 @@ def test_an_interrupted_batch_says_how_much_is_done_and_how_to_resume(tmp_path, 
             (tmp_path / "disk/b.h5").unlink(missing_ok=True)
             resize(pages * PAGE)
             assert main(command) == 1
-            told = capsys.readouterr().err.splitlines()
-            (line,) = [line for line in told if word in line]
+            output = capsys.readouterr().err.splitlines()
+            (line,) = [line for line in output if word in line]
             assert line.endswith("the same command resumes")
             resize(200 * PAGE)
             assert main(command) == 0

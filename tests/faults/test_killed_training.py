@@ -42,13 +42,13 @@ def tried(out, value):
     before, (state, model) = read(out), checkpoint(value)
     went = []
     for write in (lambda: state.write(out), lambda: models.save(model, out / "model.safetensors")):
-        told = ""
+        result = ""
         try:
             write()
         except OSError as error:
-            told = str(error)
-        assert not told or str(out) in told
-        went.append(not told)
+            result = str(error)
+        assert not result or str(out) in result
+        went.append(not result)
     assert not list(out.glob(".*"))
     expected = tuple(value if fine else old for fine, old in zip(went, before, strict=True))
     assert read(out) == expected
@@ -136,9 +136,9 @@ def test_a_folder_in_use_is_told_in_a_line(run, fake_nmnist, tmp_path):
     code = f"from nvsdata.common.locks import locked; {held}"
     with another_process(code) as (process, _), pytest.raises(SystemExit) as ended:
         run("train_objects.py", *command(fake_nmnist, tmp_path)[2:])
-    told = str(ended.value)
-    assert told.startswith(f"train_objects.py: {tmp_path} is being written by process {process.pid} on ")
-    assert "\n" not in told
+    output = str(ended.value)
+    assert output.startswith(f"train_objects.py: {tmp_path} is being written by process {process.pid} on ")
+    assert "\n" not in output
 
 
 @posix

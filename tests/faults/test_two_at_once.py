@@ -34,15 +34,15 @@ def refused_while_running(capfd, lock, *words):
     capfd.readouterr()
     try:
         code = main(words)
-        out, told = capfd.readouterr()
+        out, output = capfd.readouterr()
     finally:
         first.send_signal(signal.SIGCONT)
     _, err = first.communicate(timeout=120)
     assert first.returncode == 0, err
     assert code == 1
     assert out == ""
-    assert told.count("\n") == 1
-    assert f"is being written by process {first.pid} on" in told
+    assert output.count("\n") == 1
+    assert f"is being written by process {first.pid} on" in output
     assert not lock.exists()
 
 

@@ -119,7 +119,7 @@ def test_seconds_up_to_2_to_the_62_us(tmp_path, seconds, fine):
 
 @pytest.mark.parametrize("kind", ["rows", "columns", "fields"])
 @pytest.mark.parametrize(
-    ("came", "went", "told"),
+    ("came", "went", "result"),
     [
         (5, 6, None),
         (2, 7, None),
@@ -136,7 +136,7 @@ def test_seconds_up_to_2_to_the_62_us(tmp_path, seconds, fine):
         (1, 16, None),
     ],
 )
-def test_events_that_strayed_over_a_block_are_told(tmp_path, monkeypatch, kind, came, went, told):
+def test_events_that_strayed_over_a_block_are_told(tmp_path, monkeypatch, kind, came, went, result):
     monkeypatch.setattr(NpyRecording, "block", 4)
     t = 100 * np.arange(17)
     t = np.insert(np.delete(t, came), went, t[came])
@@ -145,7 +145,7 @@ def test_events_that_strayed_over_a_block_are_told(tmp_path, monkeypatch, kind, 
         array = np.array([tuple(row) for row in array.tolist()], FIELDS)
     np.save(tmp_path / "a.npy", np.asfortranarray(array) if kind == "columns" else array)
     recording = nvsdata.open(tmp_path / "a.npy", sensor_size=(10, 10))
-    if told is None:
+    if result is None:
         whole = recording.read()
         for start in range(-50, 1_700, 150):
             window = nvsdata.open(tmp_path / "a.npy", sensor_size=(10, 10)).read(start, start + 300)
@@ -154,7 +154,7 @@ def test_events_that_strayed_over_a_block_are_told(tmp_path, monkeypatch, kind, 
         return
     with pytest.raises(FormatError, match="events are displaced by more than 4 records") as caught:
         recording.read()
-    assert caught.value.offset == recording.header_size + told * recording.record_size
+    assert caught.value.offset == recording.header_size + result * recording.record_size
 
 
 def test_whole_numbers_keep_all_their_digits(tmp_path):

@@ -29,10 +29,10 @@ def path(tmp_path):
 def test_a_window_outside_is_told_to_the_caller(path, start, stop, shown):
     with pytest.warns(UserWarning, match="has no events") as caught:
         assert len(nvsdata.read(path, start, stop)) == 0
-    (told,) = caught
+    (warned,) = caught
     none = "has no events; the file's are at 100 to 200 µs; relative=True counts from the first event"
-    assert str(told.message) == f"{path}: the window {shown} {none}"
-    assert told.filename == __file__
+    assert str(warned.message) == f"{path}: the window {shown} {none}"
+    assert warned.filename == __file__
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_each_window_comes_first_as_often_in_at_least_20_orders(windows):
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "message"),
     [
         (lambda: metrics.confusion_matrix([0, 1], [0], 2), "must be .N., not"),
         (lambda: metrics.confusion_matrix([[0]], [[0]], 2), r"must be .N., not \(1, 1\) and \(1, 1\)"),
@@ -132,6 +132,6 @@ def test_each_window_comes_first_as_often_in_at_least_20_orders(windows):
         ),
     ],
 )
-def test_what_makes_no_sense_is_refused(call, told):
-    with pytest.raises(ValueError, match=told):
+def test_what_makes_no_sense_is_refused(call, message):
+    with pytest.raises(ValueError, match=message):
         call()

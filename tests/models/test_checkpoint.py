@@ -202,16 +202,16 @@ def test_odd_headers_are_told_in_a_line(tiny, data):
         put(path, text, state)
     except (UnicodeEncodeError, ValueError):
         return
-    told = ""
+    result = ""
     try:
         trained = models.load(path)
     except FormatError as error:
-        told = str(error)
+        result = str(error)
     else:
         trained.model(T.RadiusGraph()(events()))
         assert all(isinstance(name, str) for name in trained.classes)
-    assert "\n" not in told
-    assert len(told) < 700
+    assert "\n" not in result
+    assert len(result) < 700
 
 
 def test_headers_without_bottom_or_end(tiny):

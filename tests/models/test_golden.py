@@ -58,9 +58,9 @@ def test_the_script_tells_what_changed(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(golden, "PATH", path)
     monkeypatch.setattr(golden, "CASES", {name: golden.CASES[name] for name in ("lstm", "rgcnn by default")})
     golden.main()
-    told = capsys.readouterr().out
-    assert "vgg:\n  was {" in told
-    assert "lstm:" not in told
+    output = capsys.readouterr().out
+    assert "vgg:\n  was {" in output
+    assert "lstm:" not in output
     assert json.loads(path.read_text()) == {name: KEPT[name] for name in golden.CASES}
 
 

@@ -22,11 +22,11 @@ def test_one_run_each_by_mcnemars_test(run, tmp_path):
     rng = np.random.default_rng(0)
     a = rng.random(200) < 0.95
     b = a ^ (rng.random(200) < 0.1)
-    told = run("compare_runs.py", write(tmp_path / "a", a.astype(int)), write(tmp_path / "b", b.astype(int)))
+    output = run("compare_runs.py", write(tmp_path / "a", a.astype(int)), write(tmp_path / "b", b.astype(int)))
     better, worse = (a & ~b).sum(), (b & ~a).sum()
     p = stats.binomtest(int(better), int(better + worse)).pvalue
-    assert "200 test recordings" in told
-    votes = told[told.index("Votes") :]
+    assert "200 test recordings" in output
+    votes = output[output.index("Votes") :]
     assert f"A: {a.mean():.3f} (" in votes
     assert f"B: {b.mean():.3f} (" in votes
     found = re.search(r"A is better by ([\d.]+) points, 95% interval (-?[\d.]+) to ([\d.]+), p (.*)", votes)
@@ -39,8 +39,8 @@ def test_seeds_are_averaged_and_compared_with_fewer(run, tmp_path):
     for seed, right in enumerate(([1, 1, 1, 0], [1, 1, 0, 0], [1, 0, 0, 0])):
         write(tmp_path / "a" / str(seed), right)
     (tmp_path / "a" / "others").mkdir()
-    told = run("compare_runs.py", tmp_path / "a", write(tmp_path / "b", [1, 1, 1, 1]))
-    votes = told[told.index("Votes") :]
+    output = run("compare_runs.py", tmp_path / "a", write(tmp_path / "b", [1, 1, 1, 1]))
+    votes = output[output.index("Votes") :]
     assert "A: 0.500 (" in votes
     assert "), 3 runs: mean 0.500, standard deviation 0.250\n" in votes
     assert "B is better by 50.0 points" in votes

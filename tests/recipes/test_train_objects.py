@@ -32,14 +32,14 @@ def test_trains_resumes_exactly_and_votes(run, fake_nmnist, tmp_path):
     run("train_objects.py", *common, "--out", tmp_path / "whole")
     log = lines(tmp_path / "whole")
     assert [line["epoch"] for line in log] == [1, 2, 3]
-    told = report(tmp_path / "whole")
-    assert (told["rounds"], told["recordings"]) == (5, 20)
-    vote, metrics = told["accuracy"]["vote"][0], models.load(tmp_path / "whole" / "model.safetensors").metrics
-    assert vote == metrics["test_accuracy_votes"] == pytest.approx(on_diagonal(told["confusion"]))
+    output = report(tmp_path / "whole")
+    assert (output["rounds"], output["recordings"]) == (5, 20)
+    vote, metrics = output["accuracy"]["vote"][0], models.load(tmp_path / "whole" / "model.safetensors").metrics
+    assert vote == metrics["test_accuracy_votes"] == pytest.approx(on_diagonal(output["confusion"]))
     # mistakes are counted by recording, the shares of classes by true class, of as many recordings each
-    assert vote == pytest.approx(1 - sum(m["wrong_votes"] for m in told["mistakes"]) / 20)
-    for column, (share, low, high) in told["accuracy"].items():
-        assert share == pytest.approx(sum(one[column][0] for one in told["classes"].values()) / 10)
+    assert vote == pytest.approx(1 - sum(m["wrong_votes"] for m in output["mistakes"]) / 20)
+    for column, (share, low, high) in output["accuracy"].items():
+        assert share == pytest.approx(sum(one[column][0] for one in output["classes"].values()) / 10)
         assert low < share < high
     # 5 rounds of 2 windows of each recording
     assert metrics["test_accuracy"] * 200 == pytest.approx(round(metrics["test_accuracy"] * 200))
@@ -236,9 +236,9 @@ def test_the_flags(run, capsys):
     with pytest.raises(SystemExit) as ended:
         run("train_objects.py", "--help")
     assert ended.value.code == 0
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     for flag in ("--dataset", "--root", "--out", "--epochs", "--window", "--votes", "--seed", "--device", "--resume"):
-        assert flag in told
+        assert flag in output
 
 
 ABLATIONS = {

@@ -66,13 +66,13 @@ def names(folder):
 def test_a_signal_ends_it_and_keeps_it(tmp_path, number, flags):
     process = started(tmp_path, [*LONG, *flags])
     process.send_signal(number)
-    told, _ = process.communicate(timeout=30)
+    result, _ = process.communicate(timeout=30)
     # a machine that is busy may lose some
-    assert process.returncode == int("lost" in told or "dropped" in told)
-    assert "it was stopped" in told
+    assert process.returncode == int("lost" in result or "dropped" in result)
+    assert "it was stopped" in result
     assert names(tmp_path) == ["a.h5"]
     events = nvsdata.read(tmp_path / "a.h5")
-    assert f"{len(events):,} events" in told
+    assert f"{len(events):,} events" in result
     assert len(events) > 50_000
 
 
@@ -98,9 +98,9 @@ def test_a_killed_recording_is_finished_by_convert(tmp_path, capsys, monkeypatch
     # nothing takes its place, and the next run sweeps what else was left, and tells of it
     for flags in ([], ["--overwrite"]):
         assert main([*LONG, *flags]) == 1
-        told = capsys.readouterr().err
-        assert told.count("\n") == 1
-        assert "`nvsdata convert a.h5.davis a.h5` finishes it" in told
+        output = capsys.readouterr().err
+        assert output.count("\n") == 1
+        assert "`nvsdata convert a.h5.davis a.h5` finishes it" in output
     assert main(["record", "--simulate", "--seconds", "0.1", "--out", "b.h5"]) == 0
     assert "`nvsdata convert a.h5.davis a.h5` finishes it" in capsys.readouterr().err
 
@@ -221,9 +221,9 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path, capsys):
 def test_a_second_recorder_of_a_file_is_refused(tmp_path, capsys):
     with locked(tmp_path / "a.h5"):
         assert main(["record", "--simulate", "--out", str(tmp_path / "a.h5")]) == 1
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "is being written by process" in told
+    output = capsys.readouterr().err
+    assert output.count("\n") == 1
+    assert "is being written by process" in output
 
 
 def test_what_a_killed_recording_left_is_swept(tmp_path):

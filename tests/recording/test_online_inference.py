@@ -93,12 +93,12 @@ def test_record_with_a_model(tmp_path, capsys):
     saved(model)
     words = ["record", "--out", str(out), "--seconds", "0.4", "--simulate", "--model", str(model)]
     assert main(words) == 0
-    said, told = capsys.readouterr()
+    said, output = capsys.readouterr()
     lines = [json.loads(line) for line in said.splitlines()]
     assert len(lines) > 1
     assert [line["time"] for line in lines] == sorted(line["time"] for line in lines)
     assert {line["class"] for line in lines} <= set(CLASSES)
-    assert "events in 0.40 s; the time was up" in told
+    assert "events in 0.40 s; the time was up" in output
     events = nvsdata.read(out)
     # the last block is decided, too
     assert lines[-1]["time"] == events.t[-1]
@@ -148,8 +148,8 @@ def test_what_fails_is_told_when_it_does_and_ends_what_nothing_else_needs(tmp_pa
     # without an end of its own
     assert main(words) == 1
     assert main([*words, "--out", str(tmp_path / "a.h5"), "--seconds", "0.3"]) == 1
-    told = capsys.readouterr().err
-    assert told.count("decisions ended early: Broken pipe") == 2
+    output = capsys.readouterr().err
+    assert output.count("decisions ended early: Broken pipe") == 2
     assert len(nvsdata.read(tmp_path / "a.h5"))
 
 

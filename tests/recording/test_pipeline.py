@@ -119,18 +119,18 @@ def test_a_camera_that_goes_on_sending_is_left_after_5_s(monkeypatch):
     assert len(taken) == 2 * (1 + 5)
 
 
-@pytest.mark.parametrize(("silence", "told"), [(5.0, "the camera sent nothing for 5 s"), (None, "the time was up")])
-def test_a_camera_that_falls_silent(monkeypatch, silence, told):
+@pytest.mark.parametrize(("silence", "message"), [(5.0, "the camera sent nothing for 5 s"), (None, "the time was up")])
+def test_a_camera_that_falls_silent(monkeypatch, silence, message):
     camera = Scripted([b"ab", b"cd"], 0.5)
     camera.silence = silence
     reader, taken = read(camera, monkeypatch, seconds=30)
-    assert (reader.ended, taken) == (told, b"abcd")
+    assert (reader.ended, taken) == (message, b"abcd")
     # more than 5 s after it last sent something
     assert camera.stopped == (2 + 11 if silence else 61)
 
 
 @pytest.mark.parametrize(
-    ("blocks", "silence", "told"),
+    ("blocks", "silence", "result"),
     [
         (8, 5.0, "the time was up"),
         (7, 5.0, "the time was up"),
@@ -139,20 +139,20 @@ def test_a_camera_that_falls_silent(monkeypatch, silence, told):
         (5, None, "the time was up"),
     ],
 )
-def test_a_camera_that_was_silent_at_the_end(monkeypatch, blocks, silence, told):
+def test_a_camera_that_was_silent_at_the_end(monkeypatch, blocks, silence, result):
     camera = Scripted([b"ab"] * blocks, 0.5)
     camera.silence = silence
     reader, taken = read(camera, monkeypatch, seconds=3.5)
-    assert (reader.ended, taken) == (told, b"ab" * blocks)
+    assert (reader.ended, taken) == (result, b"ab" * blocks)
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "result"),
     [(CameraError("gone"), "gone"), (ValueError("odd"), "the camera failed (ValueError: odd)")],
 )
-def test_a_camera_that_fails(monkeypatch, error, told):
+def test_a_camera_that_fails(monkeypatch, error, result):
     reader, taken = read(Scripted([b"ab"], after=error), monkeypatch)
-    assert (reader.ended, reader.gone, taken) == (told, True, b"ab")
+    assert (reader.ended, reader.gone, taken) == (result, True, b"ab")
 
 
 def test_what_came_before_the_beginning_is_not_kept(monkeypatch):

@@ -28,7 +28,7 @@ from nvsdata.recording.session import summary
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "result"),
     [
         ({}, "not kept: 0 events in 0.00 s; the time was up"),
         (
@@ -48,8 +48,8 @@ from nvsdata.recording.session import summary
         ),
     ],
 )
-def test_a_report_in_a_few_lines(given, told):
-    assert summary(RecordingReport(**{"path": None} | given)) == told
+def test_a_report_in_a_few_lines(given, result):
+    assert summary(RecordingReport(**{"path": None} | given)) == result
 
 
 @pytest.mark.parametrize(
@@ -149,10 +149,10 @@ def test_what_a_recording_counts(tmp_path):
 @pytest.mark.parametrize(("free", "ended"), [(RESERVE, None), (RESERVE - 1, "the disk is full")])
 def test_64_mb_of_the_disk_stay_free(tmp_path, monkeypatch, free, ended):
     monkeypatch.setattr(capture.shutil, "disk_usage", lambda place: SimpleNamespace(free=free))
-    for path, told in ((tmp_path / "a.h5", ended), (None, None)):
+    for path, result in ((tmp_path / "a.h5", ended), (None, None)):
         reader = Blocks()
         list(_pieces(None, Decoding((piece(1), [])), reader, None, RecordingReport(path), lambda *_: None))
-        assert reader.ended == told
+        assert reader.ended == result
     assert RESERVE == 67_108_864
 
 
@@ -192,14 +192,14 @@ class Simple:
 
 
 @pytest.mark.parametrize(
-    ("dropped", "told"),
+    ("dropped", "result"),
     [((5, 9), 4), ((5, 5), 0), ((None, None), None), ((5, None), None), ((5, CameraError("")), None)],
 )
-def test_what_the_camera_dropped_meanwhile(dropped, told):
+def test_what_the_camera_dropped_meanwhile(dropped, result):
     camera, stop = Simple(*dropped), Event()
     stop.set()
     report = record(camera, None, "settings", stop=stop)
-    assert report.dropped == told
+    assert report.dropped == result
     assert report.ended == "it was stopped"
     assert camera.calls[:2] == [("configure", "settings"), ("start",)]
     assert sorted(name for name, *_ in camera.calls[2:]) == ["end_reading", "reset_time", "stop"]

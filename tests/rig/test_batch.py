@@ -76,9 +76,9 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
     camera = SimulatedDavis(scene=Watched(late=0.03, seed=1), speed=1 + 100e-6)
     result = recorded(tmp_path / "in", out, camera)
     assert (result.done, result.kept, list(result.failed)) == (2, 0, ["run/broken.avi"])
-    head, *told = lines(out)
+    head, *output = lines(out)
     assert head["settings"]["inertial"]
-    by_name = {line["video"]: line for line in told}
+    by_name = {line["video"]: line for line in output}
     assert "decode" in by_name["run/broken.avi"]["reason"]
 
     dataset = EventFolder(out)
@@ -117,9 +117,9 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
     assert "run/broken.avi: isn't recorded" in capsys.readouterr().out
     nvsdata.write(nvsdata.read(out / "run/a.h5")[:-1], out / "run/a.h5")
     assert main(monitor) == 1
-    told = capsys.readouterr().out
-    assert "run/a.avi" in told
-    assert "1 of 3 recordings are sound" in told
+    output = capsys.readouterr().out
+    assert "run/a.avi" in output
+    assert "1 of 3 recordings are sound" in output
     assert {line["video"]: line["status"] for line in lines(out)[1:]}["run/a.avi"] == "failed"
 
 
@@ -156,9 +156,9 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
     make_video(tmp_path / "in/run/a.mp4.avi")
     (tmp_path / "in/run/a.gif").write_bytes(b"GIF89a")
     assert main(["record", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--verify"]) == 1
-    told = capsys.readouterr().out
-    assert "a.gif: isn't recorded" in told
-    assert "1 of 3 recordings are sound" in told
+    output = capsys.readouterr().out
+    assert "a.gif: isn't recorded" in output
+    assert "1 of 3 recordings are sound" in output
     head = json.loads((tmp_path / "out/manifest.jsonl").read_text().splitlines()[0])
     (tmp_path / "out/manifest.jsonl").write_text(json.dumps({"nvsdata-videos": 1} | head).replace(batch.KIND, "x"))
     with pytest.raises(ValueError, match="is not a manifest of nvsdata-recordings"):

@@ -141,14 +141,14 @@ def videos(tmp_path):
 
 def test_an_estimate_of_time_and_disk(tmp_path, videos, monkeypatch):
     monkeypatch.setattr(estimating.shutil, "disk_usage", lambda out: SimpleNamespace(free=5 * 10**9))
-    told = estimate_recording(videos * 100, [], tmp_path, 1e6 / 60)
+    result = estimate_recording(videos * 100, [], tmp_path, 1e6 / 60)
     # 2 s each; patterns of 0.6 s and 32 steps of 3/60 s, twice; 2 s of the first picture, 0.8 s of fading, 2 s besides
-    assert str(told) == "400 videos: about 1 h 15 min and 1.60 GB of recordings; 5.0 GB of disk are free"
-    assert not told.short
+    assert str(result) == "400 videos: about 1 h 15 min and 1.60 GB of recordings; 5.0 GB of disk are free"
+    assert not result.short
     recorded = [{"recording": 60_000_000, "duration": 3_000_000}, {"status": "failed"}]
-    told = estimate_recording(videos * 100, recorded, tmp_path, 1e6 / 60)
-    assert "16.00 GB of recordings; 5.0 GB of disk are free, which is too little" in str(told)
-    assert told.short
+    result = estimate_recording(videos * 100, recorded, tmp_path, 1e6 / 60)
+    assert "16.00 GB of recordings; 5.0 GB of disk are free, which is too little" in str(result)
+    assert result.short
     # what recordings leave free at their end is needed, too
     for free, small in ((1_600_000_000 + RESERVE, False), (1_600_000_000 + RESERVE - 1, True)):
         monkeypatch.setattr(estimating.shutil, "disk_usage", lambda out, free=free: SimpleNamespace(free=free))

@@ -22,13 +22,13 @@ def test_the_screen_is_found(tmp_path, quick, monkeypatch, capsys):
     monkeypatch.setattr(calibrate, "WATCHED", 500_000)
     out = tmp_path / "c"
     assert main(["record", "--calibrate", "--simulate", "--seconds", "0.3", "--out", str(out)]) == 0
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     found = json.loads((out / "calibration.json").read_text())
     assert np.abs(np.array(found["corners"]) - CORNERS).max() < 1
     x, y, width, height = found["roi"]
-    assert f"--region {x} {y} {width} {height}" in told
+    assert f"--region {x} {y} {width} {height}" in output
     assert x <= 10 <= 11 < x + width
-    assert "no flicker found" in told
+    assert "no flicker found" in output
     assert json.loads((out / "settings.json").read_text())["region"] == found["roi"]
     for name in ("corners.png", "flicker.png"):
         assert cv2.imread(str(out / name)) is not None

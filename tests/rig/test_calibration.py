@@ -222,7 +222,7 @@ BEGIN = (
 
 
 @pytest.mark.parametrize(
-    ("roi", "flicker", "told"),
+    ("roi", "flicker", "result"),
     [
         ((10, 12, 191, 149), {}, "no flicker found"),
         (
@@ -244,9 +244,9 @@ BEGIN = (
         ),
     ],
 )
-def test_a_calibration_in_a_few_lines(roi, flicker, told):
+def test_a_calibration_in_a_few_lines(roi, flicker, result):
     found = replace(FOUND, roi=roi, flicker=flicker)
-    assert calibration_summary(found, (240, 180)) == BEGIN.format(" ".join(map(str, roi))) + told
+    assert calibration_summary(found, (240, 180)) == BEGIN.format(" ".join(map(str, roi))) + result
 
 
 def test_what_a_calibration_writes(tmp_path, monkeypatch):

@@ -205,7 +205,7 @@ def shown(count, gap=None):
 
 
 @pytest.mark.parametrize(
-    ("count", "seen", "told"),
+    ("count", "seen", "message"),
     [
         (6, 6, None),
         (5, 5, "5 flashes and 5 triggers can't be matched"),
@@ -215,11 +215,11 @@ def shown(count, gap=None):
         (8, 5, "of 8 flashes the camera saw 5"),
     ],
 )
-def test_how_many_flashes_must_be_seen(count, seen, told):
+def test_how_many_flashes_must_be_seen(count, seen, message):
     host, bright = shown(count)
     times = (host + 5e5)[np.sort(np.r_[0 : seen // 2, count - (seen - seen // 2) : count])]
-    if told is not None:
-        with pytest.raises(NoSync, match=told):
+    if message is not None:
+        with pytest.raises(NoSync, match=message):
             fit_clock(times.tolist(), host, bright)
         return
     found = fit_clock(times.tolist(), host, bright)
@@ -227,13 +227,13 @@ def test_how_many_flashes_must_be_seen(count, seen, told):
     assert found.camera(2e6) == pytest.approx(2.5e6, abs=1)
 
 
-@pytest.mark.parametrize(("ppm", "told"), [(490, None), (-490, None), (510, "510 ppm off"), (-510, "510 ppm off")])
-def test_how_far_off_a_clock_may_be(ppm, told):
+@pytest.mark.parametrize(("ppm", "message"), [(490, None), (-490, None), (510, "510 ppm off"), (-510, "510 ppm off")])
+def test_how_far_off_a_clock_may_be(ppm, message):
     """After a video of 20 s its flashes are 10 ms from where they would be expected."""
     host, bright = shown(24, gap=20e6)
     times = 3e6 + (1 + ppm * 1e-6) * host
-    if told is not None:
-        with pytest.raises(NoSync, match=told):
+    if message is not None:
+        with pytest.raises(NoSync, match=message):
             fit_clock(times.tolist(), host, bright)
         return
     found = fit_clock(times.tolist(), host, bright)

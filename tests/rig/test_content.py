@@ -161,9 +161,9 @@ def test_still_and_blank_videos_are_quiet_and_right(lab_of_one, tmp_path, kind):
     video = panned(tmp_path / "quiet.avi", frames=20, **kind)
     span = lab_of_one(video)
     inspector = Inspector(lab_of_one.monitor, strict=True)
-    told = inspector.judged(span, video, 420)
-    assert told["content"]["scale"] is None
-    assert "look" not in told
+    result = inspector.judged(span, video, 420)
+    assert result["content"]["scale"] is None
+    assert "look" not in result
     # unless something else happens before the camera
     rng, count = np.random.default_rng(0), 200_000
     t = np.sort(rng.integers(span.start, span.stop, count))
@@ -256,7 +256,7 @@ SHIFTED = [[20.1, 12.0], [234.1, 8.0], [232.1, 172.0], [16.1, 168.0]]
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "result"),
     [
         ({}, None),
         ({"scale": 0.31}, None),
@@ -272,7 +272,7 @@ SHIFTED = [[20.1, 12.0], [234.1, 8.0], [232.1, 172.0], [16.1, 168.0]]
         ({"cover": 0.2}, "fills 20% of the view"),
     ],
 )
-def test_limits_and_the_other_recordings(changed, told):
+def test_limits_and_the_other_recordings(changed, result):
     class Screen:
         size = (320, 240)
 
@@ -280,12 +280,12 @@ def test_limits_and_the_other_recordings(changed, told):
     alone, among = Inspector(Screen()), Inspector(Screen(), others=others)
     found = figures(**changed)
     doubts = among.doubts(found)
-    if told is None:
+    if result is None:
         assert doubts == []
         assert alone.doubts(found) == []
     else:
-        assert any(re.search(told, doubt) for doubt in doubts), doubts
-    if told and "other" in told:
+        assert any(re.search(result, doubt) for doubt in doubts), doubts
+    if result and "other" in result:
         # two recordings don't say what is usual
         assert Inspector(Screen(), others=others[:2]).doubts(found) == []
 

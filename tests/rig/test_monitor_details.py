@@ -31,8 +31,8 @@ def pixels(monitor):
 )
 def test_the_refresh_is_what_the_display_says_or_60_hz(screen, monkeypatch, rates, display, refresh):
     monkeypatch.setattr(pygame.display, "get_desktop_refresh_rates", lambda: rates)
-    period, told, synced, _ = screen._measure(display)
-    assert period == told == pytest.approx(1e6 / refresh)
+    period, result, synced, _ = screen._measure(display)
+    assert period == result == pytest.approx(1e6 / refresh)
     assert not synced
 
 
@@ -52,20 +52,20 @@ def jittered(period, jitter, seed=0):
 @pytest.mark.parametrize("hertz", [59.94, 60, 60.3])
 def test_the_refresh_is_measured_to_100_ppm(screen, monkeypatch, hertz):
     for seed in range(5):
-        period, told, synced, cost = measured(screen, monkeypatch, jittered(1e6 / hertz, 500, seed))
+        period, result, synced, cost = measured(screen, monkeypatch, jittered(1e6 / hertz, 500, seed))
         assert synced
         assert period == pytest.approx(1e6 / hertz, rel=1e-4)
-        assert (told, cost) == (PERIOD, 0)
+        assert (result, cost) == (PERIOD, 0)
 
 
 @pytest.mark.parametrize("hertz", [24, 30, 75, 144, 240])
 def test_another_refresh_than_the_display_says_must_be_very_even(screen, monkeypatch, hertz):
-    period, told, synced, _ = measured(screen, monkeypatch, jittered(1e6 / hertz, 30))
+    period, result, synced, _ = measured(screen, monkeypatch, jittered(1e6 / hertz, 30))
     assert synced
     assert period == pytest.approx(1e6 / hertz, rel=1e-4)
     # a driver that draws without waiting takes about as long each time, but not to a hundredth
-    period, told, synced, cost = measured(screen, monkeypatch, jittered(1e6 / hertz, 1e6 / hertz / 10))
-    assert (period, synced) == (told, False)
+    period, result, synced, cost = measured(screen, monkeypatch, jittered(1e6 / hertz, 1e6 / hertz / 10))
+    assert (period, synced) == (result, False)
     assert 0 < cost < 1e6 / hertz
 
 
@@ -81,8 +81,8 @@ def test_flips_that_do_not_wait_are_no_refreshes(screen, monkeypatch):
     uneven[::10] += 0.2 * PERIOD
     # and those that come at once, however evenly
     for times in (uneven, 5e6 + 100.0 * np.arange(module.TRIALS)):
-        period, told, synced, cost = measured(screen, monkeypatch, times)
-        assert (period, synced) == (told, False) == (PERIOD, False)
+        period, result, synced, cost = measured(screen, monkeypatch, times)
+        assert (period, synced) == (result, False) == (PERIOD, False)
         assert cost == pytest.approx(np.diff(times[2:]).min())
 
 

@@ -142,10 +142,10 @@ def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_show
 
 
 @pytest.mark.parametrize(
-    ("fps", "refresh", "told"), [(60, 59.94, False), (60, 60, False), (61, 60, True), (66, 60, True)]
+    ("fps", "refresh", "message"), [(60, 59.94, False), (60, 60, False), (61, 60, True), (66, 60, True)]
 )
-def test_a_video_slightly_faster_than_the_screen_is_told_as_such(fps, refresh, told):
+def test_a_video_slightly_faster_than_the_screen_is_told_as_such(fps, refresh, message):
     """Not as a computer that is busy, after three takes."""
     frames = [VideoFrame(round(n * 1e6 / fps), np.zeros((2, 2), np.uint8), True) for n in range(playback.LOOKED_AT)]
-    with pytest.raises(ValueError, match=f"the video has {fps} frames per second") if told else nullcontext():
+    with pytest.raises(ValueError, match=f"the video has {fps} frames per second") if message else nullcontext():
         playback._check_rate(frames, 1e6 / refresh)

@@ -24,7 +24,7 @@ def events_at(t, p=None):
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "message"),
     [
         ({}, None),
         # 2% of 2.5 s, and what a refresh or 20 ms explain isn't wrong
@@ -47,7 +47,7 @@ def events_at(t, p=None):
         ({"lost_wraps": 1}, "parts of the camera's stream are missing"),
     ],
 )
-def test_how_much_may_be_amiss(changed, told):
+def test_how_much_may_be_amiss(changed, message):
     given = {"late": 0, "by": 0, "skipped": 0, "missed": 0.0, "residual": 5.0, "events": 5_000, "full": 0.0} | changed
     report = RecordingReport(None, lost=given.get("lost", 0), dropped=given.get("dropped", 0))
     faults = ("lost_wraps", "late_resets", "usb_errors")
@@ -57,7 +57,7 @@ def test_how_much_may_be_amiss(changed, told):
     lists = {"due": due.tolist(), "shown": shown.tolist(), "dropped": given.get("within")}
     done = PlaybackLog(16_667.0, skipped=given["skipped"], missed=given["missed"], **lists)
     line = ClockFit(0.0, 0.0, given["residual"], 30, 32)
-    with nullcontext() if told is None else pytest.raises(TakeRejected, match=told):
+    with nullcontext() if message is None else pytest.raises(TakeRejected, match=message):
         _check_stream(report, done)
         _check(done, line, Tally(given["events"], 0, given["full"]), 2_500_000)
 
@@ -92,9 +92,9 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
         assert (given, events) == (video, 2)
         return {"content": {"gap": 0.0}, "look": ["odd"]}
 
-    told = trim(one, Video("a.avi", video, tmp_path / "deep/out/a.h5"), SimpleNamespace(judged=judged))
+    result = trim(one, Video("a.avi", video, tmp_path / "deep/out/a.h5"), SimpleNamespace(judged=judged))
     assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
-    assert told == {
+    assert result == {
         "recording": (tmp_path / "deep/out/a.h5").stat().st_size,
         "recording_sha256": sha256(tmp_path / "deep/out/a.h5"),
         "duration": 28_500,

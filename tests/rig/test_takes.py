@@ -68,8 +68,8 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
 
 
 def lines(folder):
-    _, *told = map(json.loads, (folder / "out/manifest.jsonl").read_text().splitlines())
-    return told
+    _, *result = map(json.loads, (folder / "out/manifest.jsonl").read_text().splitlines())
+    return result
 
 
 def verified(folder):
@@ -80,13 +80,13 @@ def verified(folder):
 def test_a_take_that_failed_and_then_succeeded_has_not_failed(folder, monkeypatch, error):
     report = recorded(folder, monkeypatch, [error, None, error] if isinstance(error, TakeRejected) else [error])
     assert (report.done, report.kept, report.events, report.failed) == (3, 0, 3 * N, {})
-    told = lines(folder)
+    result = lines(folder)
     # a take that was wrong is done again after the others, one that the camera ended at once
     order = [("run/a.avi", 2), ("run/b.avi", 1), ("run/c.avi", 1)]
     if isinstance(error, TakeRejected):
         order = [("run/b.avi", 1), ("run/a.avi", 2), ("run/c.avi", 2)]
-    assert [(line["video"], line["takes"]) for line in told] == order
-    assert all(line["status"] == "recorded" and "reason" not in line for line in told)
+    assert [(line["video"], line["takes"]) for line in result] == order
+    assert all(line["status"] == "recorded" and "reason" not in line for line in result)
     assert verified(folder) == {}
 
 
@@ -284,8 +284,8 @@ def test_takes_that_all_fail_pause_the_batch_and_cost_no_video_its_takes(folder,
     assert (report.done, report.failed) == (3, {})
     assert len(waited) == 1
     assert [line["takes"] for line in lines(folder)] == [1, 1, 1]
-    told = capsys.readouterr().err
-    assert "6 takes in a row failed, the last one of run/c.avi: 0 events; tried again in 10 minutes" in told
+    output = capsys.readouterr().err
+    assert "6 takes in a row failed, the last one of run/c.avi: 0 events; tried again in 10 minutes" in output
     state = json.loads((folder / "out/status.json").read_text())
     assert (state["state"], state["done"], state["failed"], state["left"], state["in_a_row"]) == ("done", 3, 0, 0, 0)
 
@@ -326,9 +326,9 @@ def test_a_last_take_that_fails_with_all_others_is_none_of_its_video(folder, mon
     bad = TakeRejected("0 events")
     report = recorded(folder, monkeypatch, [bad, None, *[bad] * 7])
     assert (report.done, report.failed) == (6, {})
-    told = [(line["video"][4], line["status"]) for line in lines(folder)]
-    assert told[:2] == [("b", "recorded"), ("a", "failed")]
-    assert sorted(told[2:]) == [(name, "recorded") for name in "acdef"]
+    result = [(line["video"][4], line["status"]) for line in lines(folder)]
+    assert result[:2] == [("b", "recorded"), ("a", "failed")]
+    assert sorted(result[2:]) == [(name, "recorded") for name in "acdef"]
     state = json.loads((folder / "out/status.json").read_text())
     assert (state["done"], state["failed"], state["left"]) == (6, 0, 0)
 

@@ -185,7 +185,7 @@ def written(out, monkeypatch, capsys, votes, by_length, transform=None):
 def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, drawn):
     rng = np.random.default_rng(0)
     votes = votes_of(rng.dirichlet([1, 1, 1], (2, 3, 50)), rng.integers(0, 3, 50).tolist())
-    told, window = written(
+    output, window = written(
         tmp_path,
         monkeypatch,
         capsys,
@@ -197,7 +197,7 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     assert written_report["data"] == {"seed": 3}
     assert (written_report["run"]["epoch"], written_report["run"]["epoch_chosen_by"]) == (2, "validation accuracy")
     assert written_report["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by"}
-    assert told == f"report: {tmp_path / 'report.json'}, and 6 plots\n"
+    assert output == f"report: {tmp_path / 'report.json'}, and 6 plots\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]
     assert (counts.sum(), names, title) == (100, CLASSES, "vote of 3, 50 recordings, 2 votes each")
@@ -226,8 +226,8 @@ def test_pictures_of_nothing_are_removed(tmp_path, monkeypatch, capsys, drawn):
     for name in report.PICTURES:
         (tmp_path / name).write_bytes(b"old")
     votes = votes_of([[[[0.8, 0.1, 0.1]] * 4]], [0] * 4)
-    told, window = written(tmp_path, monkeypatch, capsys, votes, {})
-    assert "and 3 plots" in told
+    output, window = written(tmp_path, monkeypatch, capsys, votes, {})
+    assert "and 3 plots" in output
     # as long as a picture of a camera takes
     assert window == T.RandomWindow(33_333)
     assert {path.name for path in tmp_path.glob("*.png")} == {"confusion.png", "classes.png", "calibration.png"}

@@ -182,13 +182,13 @@ def test_a_damaged_checkpoint_is_told_in_a_line(tmp_path):
         try:
             here = trainer(tmp_path)
         except FormatError as error:
-            told = str(error)
+            result = str(error)
         else:
             # a byte that nothing is made of, such as padding
             assert here.done == 2
             continue
-        assert told.startswith(f"{path}: is no checkpoint of a training, or damaged: ")
-        assert "\n" not in told
+        assert result.startswith(f"{path}: is no checkpoint of a training, or damaged: ")
+        assert "\n" not in result
     for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
         with pytest.raises(FormatError, match="or damaged"):
@@ -220,14 +220,14 @@ def test_an_odd_checkpoint_is_told_in_a_line(tmp_path_factory, data):
     try:
         here = trainer(out)
     except ValueError as error:
-        told = str(error)
+        result = str(error)
     else:
-        told = ""
+        result = ""
         assert here.done == 2
         # such as weights that are NaN
         with suppress(ValueError):
             here.fit(samples(), lambda epoch: {})
-    assert "\n" not in told
+    assert "\n" not in result
 
 
 def test_other_files_are_no_checkpoints(tmp_path):

@@ -26,7 +26,7 @@ def test_a_damaged_recording_is_named_however_deep_in_a_pipeline_it_is_met(fake_
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "output"),
     [
         (ValueError("x: y: z"), "recipe.py: x: y: z"),
         (OSError("no folder"), "recipe.py: no folder"),
@@ -38,14 +38,14 @@ def test_a_damaged_recording_is_named_however_deep_in_a_pipeline_it_is_met(fake_
         ),
     ],
 )
-def test_what_will_not_do_is_told_in_a_line(monkeypatch, error, told):
+def test_what_will_not_do_is_told_in_a_line(monkeypatch, error, output):
     def main():
         raise error
 
     monkeypatch.setattr(sys, "argv", ["/somewhere/recipe.py"])
     with pytest.raises(SystemExit) as ended:
         run(main)
-    assert ended.value.code == told
+    assert ended.value.code == output
 
 
 def interrupted(capsys, main, *hint):

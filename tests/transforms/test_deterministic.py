@@ -131,11 +131,11 @@ def test_every_transform_has_an_example():
 def test_docstrings_say_the_shape_that_comes_out(transform, sample):
     result = transform(*sample) if isinstance(sample, tuple) else transform(sample)
     first, _, rest = f"{type(transform).__doc__}".partition("\n\n")
-    told = re.findall(r"\[([^][]+)\]", first) or re.findall(
+    answer = re.findall(r"\[([^][]+)\]", first) or re.findall(
         r"\[([^][]+)\]", f"{rest}{type(transform).__call__.__doc__}"
     )
     if isinstance(result, torch.Tensor) and "any shape" not in rest:
-        assert result.ndim in {shape.count(",") + 1 for shape in told}
+        assert result.ndim in {shape.count(",") + 1 for shape in answer}
 
 
 MADE = {

@@ -93,9 +93,9 @@ def test_another_file_is_asked_for_once(host, get, pauses):
 def test_who_downloads_is_told_what_is_left_out(host, tmp_path, pauses, optional):
     url, reason = optional
     archive = Archive("a.zip", "", (f"{host.address}/{url}",) if url else (), "a", optional=True)
-    with pytest.warns(UserWarning, match=f"without a: {reason}") as told:
+    with pytest.warns(UserWarning, match=f"without a: {reason}") as message:
         assert download(replace(INFO, archives=(archive,)), tmp_path / "data") == []
-    assert [warning.filename for warning in told] == [__file__]
+    assert [warning.filename for warning in message] == [__file__]
 
 
 def test_unfinished_work_goes_once_all_is_there(host, tmp_path, pauses):
@@ -350,9 +350,9 @@ def test_folders_in_archives(unpacked, tmp_path):
 
 
 def test_titles_of_web_pages_are_told_briefly(tmp_path):
-    for length, told in ((80, 80), (81, 80)):
+    for length, result in ((80, 80), (81, 80)):
         page = f"<html><title>{'x' * length}</title>".encode()
-        assert page_of(page) == f"a web page, '{'x' * told}': the file needs a browser"
+        assert page_of(page) == f"a web page, '{'x' * result}': the file needs a browser"
     (tmp_path / "a").write_bytes(b"<!-- one -->\n<HTML>")
     assert archive_fault(tmp_path / "a", "0" * 32) == "is a web page, without a title: the file needs a browser"
     (tmp_path / "a").write_bytes(b"<htmlx>")

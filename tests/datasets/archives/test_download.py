@@ -151,8 +151,8 @@ def test_the_command_deletes_archives_or_says_that_it_may(host, root, capsys, mo
     info = dataset(archive(host.serve("/whole", CONTENT)))
     monkeypatch.setattr(NMNIST, "info", info)
     assert main(["download", "n-mnist", "--root", str(root)]) == 0
-    told = "1 archives with 0.00 GB are still in {}: --delete-archives deletes them\n"
-    assert told.format(root) in capsys.readouterr().err
+    output = "1 archives with 0.00 GB are still in {}: --delete-archives deletes them\n"
+    assert output.format(root) in capsys.readouterr().err
     assert main(["download", "n-mnist", "--root", str(root), "--delete-archives"]) == 0
     assert capsys.readouterr() == (f"{root / 'Train'}\n", "")
     assert left(root) == ["Train"]

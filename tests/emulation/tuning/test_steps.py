@@ -83,22 +83,22 @@ def test_a_search_that_always_finds_better_does_not_narrow():
 
 
 def test_progress_counts_trials_and_tells_the_best_score(monkeypatch):
-    told = []
+    result = []
 
     class Bar(nullcontext):
         def __init__(self, things, what, total, **options):
             super().__init__(self)
-            told.append(total)
+            result.append(total)
 
         def update(self, number=1):
-            told.append(number)
+            result.append(number)
 
         def set_postfix_str(self, text, refresh):
-            told.append(text)
+            result.append(text)
 
     monkeypatch.setattr("nvsdata.emulation.tuning.search.progress", Bar)
     search(lambda _: Measured((1.0, 1.0, 1.0)), space=UNIT, base=Place(), trials=6)
-    assert told == [6, 1, 1, 1, 1, "score 0.5000", 1, 1, f"score {6**-0.5:.4f}"]
+    assert result == [6, 1, 1, 1, 1, "score 0.5000", 1, 1, f"score {6**-0.5:.4f}"]
 
 
 def test_a_journal_counts_for_the_settings_that_it_names(tmp_path):

@@ -140,14 +140,14 @@ def test_tune_fits_a_sensor_and_reports_on_what_it_has_not_seen(stills, tmp_path
         "noise_rate=0",
     ]
     assert main(words) == 0
-    told = capsys.readouterr().out
-    assert "began with a fit: events follow the frames by " in told
+    output = capsys.readouterr().out
+    assert "began with a fit: events follow the frames by " in output
     lines = [json.loads(line) for line in (tmp_path / "tuning/trials.jsonl").read_text().splitlines()]
     first = lines[1]["settings"]
     assert lines[0]["start"] == {"emulator": "DVS", **first}
     assert first["noise_rate"] == 0
     assert (first["on"], first["off"]) == (pytest.approx(SENSOR.on, rel=0.15), pytest.approx(SENSOR.off, rel=0.15))
-    table = told[told.index("unseen part") :].splitlines()
+    table = output[output.index("unseen part") :].splitlines()
     _, rest = TuningPair(nvsdata.open("real.h5"), tmp_path / "shown").split(0.25)
     best = json.loads((tmp_path / "tuning/best.json").read_text())
     assert best.pop("nvsdata-dvs") == 1

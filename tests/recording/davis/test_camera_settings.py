@@ -150,14 +150,14 @@ def test_what_settings_change(settings, facts, writes):
 def test_defaults_of_the_parts_that_a_camera_has():
     """Everything that depends on its size, clocks and parts, of a camera with all of them."""
     facts = replace(FACTS, frame_size=(340, 250))
-    told = {(module, parameter): value for module, parameter, value in defaults(facts)}
-    assert [told[1, n] for n in range(11, 27)] == [260, 346] * 8
-    assert [told[1, n] for n in (31, 32, 33, 34, 41, 42, 43, 44, 51, 52)] == [1, 8, 0, 1, 0, 0, 345, 259, 0, 5]
-    assert [told[2, n] for n in (8, 9, 10, 11, 12, 13)] == [0, 0, 339, 249, 120_000, 1_200_000]
-    assert [told[4, n] for n in (5, 11, 12, 13, 14, 15, 16)] == [1_000, 0, 1, 1_000, 500, 0, 0]
-    assert (told[9, 1], told[3, 9]) == (50_000, 1)
+    result = {(module, parameter): value for module, parameter, value in defaults(facts)}
+    assert [result[1, n] for n in range(11, 27)] == [260, 346] * 8
+    assert [result[1, n] for n in (31, 32, 33, 34, 41, 42, 43, 44, 51, 52)] == [1, 8, 0, 1, 0, 0, 345, 259, 0, 5]
+    assert [result[2, n] for n in (8, 9, 10, 11, 12, 13)] == [0, 0, 339, 249, 120_000, 1_200_000]
+    assert [result[4, n] for n in (5, 11, 12, 13, 14, 15, 16)] == [1_000, 0, 1, 1_000, 500, 0, 0]
+    assert (result[9, 1], result[3, 9]) == (50_000, 1)
     bare = dict.fromkeys((module, parameter) for module, parameter, _ in defaults(replace(facts, has=frozenset())))
-    assert sorted(set(told) - set(bare)) == sorted(
+    assert sorted(set(result) - set(bare)) == sorted(
         [(1, n) for n in (*range(11, 27), 31, 32, 33, 34, 41, 42, 43, 44, 51, 52, 61, 62, 63)]
         + [(5, 142), (2, 7)]
         + [(4, n) for n in range(11, 17)]
@@ -165,7 +165,7 @@ def test_defaults_of_the_parts_that_a_camera_has():
 
 
 @pytest.mark.parametrize(
-    ("number", "kind", "told"),
+    ("number", "kind", "message"),
     [
         (errno.EACCES, CameraError, "no permission to use the camera; on Linux, put this line into"),
         (errno.EBUSY, CameraError, "another program uses the camera"),
@@ -174,8 +174,8 @@ def test_defaults_of_the_parts_that_a_camera_has():
         (errno.EPIPE, CameraError, "the camera refused a request: Pipe error"),
     ],
 )
-def test_what_errors_of_usb_mean(number, kind, told):
-    with pytest.raises(CameraError, match=told) as error, _translated_errors():
+def test_what_errors_of_usb_mean(number, kind, message):
+    with pytest.raises(CameraError, match=message) as error, _translated_errors():
         raise usb.core.USBError("Pipe error", -9, number)
     assert type(error.value) is kind
 
@@ -196,7 +196,7 @@ def test_a_counter_of_64_bits_is_read_until_its_halves_fit(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("registers", "options", "told"),
+    ("registers", "options", "result"),
     [
         ({}, {}, None),
         ({(1, 0): 4_096, (1, 1): 1, (2, 0): 1, (2, 1): 4_096}, {}, None),
@@ -217,15 +217,15 @@ def test_a_counter_of_64_bits_is_read_until_its_halves_fit(monkeypatch):
         ({}, {"firmware": 6, "product": 0x841A}, None),
     ],
 )
-def test_which_answers_of_a_camera_make_sense(registers, options, told):
+def test_which_answers_of_a_camera_make_sense(registers, options, result):
     camera = SimulatedDavis(speed=0, registers=dict(DAVIS240C) | registers, **options)
-    if told is None:
+    if result is None:
         with Davis.find(backend=Backend(camera)) as davis:
             assert davis.facts.board == ("FX3" if "product" in options else "FX2")
         return
     with pytest.raises(CameraError) as error:
         Davis.find(backend=Backend(camera))
-    assert told in str(error.value)
+    assert result in str(error.value)
 
 
 def test_what_a_turned_camera_without_a_serial_number_is():

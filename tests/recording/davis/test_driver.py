@@ -70,16 +70,16 @@ def _no_pauses(monkeypatch):
 
 @pytest.mark.parametrize("name", sorted(DEVICES))
 def test_the_conversation_is_the_vendors(name):
-    told = DEVICES[name]
-    registers = {place: told[key] for key, place in ANSWERS.items()} | {(MUX, 83): 0, (MUX, 84): 0}
+    result = DEVICES[name]
+    registers = {place: result[key] for key, place in ANSWERS.items()} | {(MUX, 83): 0, (MUX, 84): 0}
     camera = SimulatedDavis(
-        serial=told["serial"], product=told["pid"], firmware=told["bcd"], registers=registers, speed=0
+        serial=result["serial"], product=result["pid"], firmware=result["bcd"], registers=registers, speed=0
     )
     expected = transcript(name)
     with Davis.find(backend=Backend(camera)) as davis:
         # the vendor's library reads some twice, and in an order of its own
         assert set(camera.log) == set(expected["open"])
-        assert davis.facts.serial == told["serial"][:8]
+        assert davis.facts.serial == result["serial"][:8]
         for phase, act in (
             ("default_config", lambda: davis.configure(CameraSettings(frames=True))),
             ("data_start", davis.start),

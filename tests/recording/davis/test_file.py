@@ -16,10 +16,10 @@ RESET, BEGIN, SIGNAL, COLUMN_END, END = 1, 8, 12, 13, 10
 def journal(path, words, **how):
     """A file of these words; `how`: what its first line says otherwise than a camera's."""
     line = header(DavisDecoder(240, 180, steady=True), None, {})
-    mark, told = line.split(b" ", 1)
-    told = json.loads(told)
-    told["decoder"] |= how
-    path.write_bytes(mark + b" " + json.dumps(told).encode() + b"\n" + np.array(words, "<u2").tobytes())
+    mark, result = line.split(b" ", 1)
+    result = json.loads(result)
+    result["decoder"] |= how
+    path.write_bytes(mark + b" " + json.dumps(result).encode() + b"\n" + np.array(words, "<u2").tobytes())
     return path
 
 

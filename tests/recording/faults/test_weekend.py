@@ -150,12 +150,12 @@ def test_every_clip_is_right_or_named_with_the_right_reason(tmp_path):
 def judged(folder, kinds):
     """Hold what is there after the weekend to what happened to each clip, by its kind; the figures of it all."""
     out = folder / "out"
-    told = {line["video"].split("/")[1]: line for line in lines_of(out / "manifest.jsonl")[1:]}
+    result = {line["video"].split("/")[1]: line for line in lines_of(out / "manifest.jsonl")[1:]}
     takes = [line for line in lines_of(folder / "attempts.jsonl") if "begun" not in line]
-    assert sorted(told) == sorted(kinds)
+    assert sorted(result) == sorted(kinds)
 
     wrong, counts = [], Counter()
-    for name, line in told.items():
+    for name, line in result.items():
         kind, mine = kinds[name], [take for take in takes if take["video"] == name]
         good = [take for take in mine if "same" in take]
         reasons = [take["failed"] for take in mine if "failed" in take]
@@ -191,18 +191,18 @@ def judged(folder, kinds):
         "takes": sum("begun" in line for line in lines_of(folder / "attempts.jsonl")),
         "start": [min(take["start"] for take in right), max(take["start"] for take in right)],
         "drift": max(abs(take["drift"]) for take in right),
-        "events": sum(line.get("events", 0) for line in told.values()),
+        "events": sum(line.get("events", 0) for line in result.values()),
         "alarms": len((folder / "alarm").read_text().splitlines()) if (folder / "alarm").exists() else 0,
     }
     assert not wrong, "\n".join(wrong)
 
     # what is on disk is what the manifest says
-    for name, line in told.items():
+    for name, line in result.items():
         if line["status"] != "failed":
             assert (
                 len(nvsdata.read(next((out / line["video"]).parent.glob(f"{Path(name).stem}*.h5")))) == line["events"]
             )
-    failed = {line["video"] for line in told.values() if line["status"] == "failed"}
+    failed = {line["video"] for line in result.values() if line["status"] == "failed"}
     found = main(["record", "--monitor", str(folder / "in"), "--out", str(out), "--verify"])
     assert found == (1 if failed else 0)
     assert not [path for path in out.rglob("*") if path.suffix in (".part", ".davis")]

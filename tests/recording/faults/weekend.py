@@ -59,9 +59,9 @@ class Weekend:
         self.done: set[str] = set()
         self.dark = self.fading = False
 
-    def write(self, **told: object) -> None:
+    def write(self, **result: object) -> None:
         with self.log.open("a") as file:
-            file.write(json.dumps({"video": self.video, "take": self.takes[self.video], **told}) + "\n")
+            file.write(json.dumps({"video": self.video, "take": self.takes[self.video], **result}) + "\n")
 
     def begin(self, video: Path) -> None:
         self.video, self.start = video.name, None

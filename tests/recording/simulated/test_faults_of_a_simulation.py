@@ -16,13 +16,13 @@ def test_its_descriptors_are_those_of_a_device_with_one_endpoint():
     (configuration,) = device
     (interface,) = configuration
     (endpoint,) = interface
-    for part, told in (
+    for part, result in (
         (device, (18, 1, 0x200, 0, 0, 0, 64, 0x152A, 0x841B, 4, 1, 2, 3, 1)),
         (configuration, (9, 2, 25, 1, 1, 0, 0x80, 200)),
         (interface, (9, 4, 0, 0, 1, 0xFF, 0, 0, 0)),
         (endpoint, (7, 5, 0x82, 2, 512, 0)),
     ):
-        assert tuple(getattr(part, name) for name in FIELDS[len(told)]) == told
+        assert tuple(getattr(part, name) for name in FIELDS[len(result)]) == result
     assert (device.bus, device.address, device.port_number, device.port_numbers, device.speed) == (1, 2, 1, (1,), 3)
     assert (endpoint.bRefresh, endpoint.bSynchAddress) == (0, 0)
     assert usb.util.get_string(device, device.iSerialNumber) == "SIM00001"

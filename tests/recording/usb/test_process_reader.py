@@ -73,10 +73,10 @@ def test_what_another_process_reads_is_the_stream():
 def test_a_device_that_goes_away_there_is_gone_here():
     freed = []
     apart = SubprocessStream(partial(streaming, 200), ENDPOINT, lambda: freed.append(True))
-    came, told = read_out(apart)
+    came, result = read_out(apart)
     apart.close()
     assert came > 1_000
-    assert told == "the process that reads the camera ended"
+    assert result == "the process that reads the camera ended"
     assert freed == [True]
 
 
