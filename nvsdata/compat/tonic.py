@@ -72,7 +72,7 @@ class FromTonic:
 
     def __call__(self, events: Any) -> Any:
         """Apply the transform to events, or to a recording, which is decoded."""
-        given = as_events(events)
+        given = as_events(events, "events")
         result = self.transform(to_tonic(given))
         is_events = isinstance(result, np.ndarray) and {"t", "x", "y", "p"} <= set(result.dtype.names or ())
         return from_tonic(result, given.sensor_size) if is_events else result

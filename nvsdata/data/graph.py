@@ -191,7 +191,7 @@ class GraphBatch(Graph):
             return cls.from_graphs([graph.to("cpu")]).to(graph.x.device)
         if is_pyg(graph):
             return cls.from_pyg(graph)
-        raise wrong_type("a graph, or a batch of graphs", graph)
+        raise wrong_type("graphs", "a Graph or a GraphBatch", graph)
 
     def __getitem__(self, number: int) -> Graph:
         """Return graph `number`; negative numbers count from the end. IndexError if there is no such graph."""
@@ -269,5 +269,5 @@ def _torch_geometric() -> Any:
 def sequence_of(graphs: Any) -> list[Graph]:
     """Return a list or tuple of graphs as a list. TypeError for anything else."""
     if not isinstance(graphs, list | tuple) or not all(isinstance(graph, Graph) for graph in graphs):
-        raise wrong_type("a graph, or a list of graphs", graphs)
+        raise wrong_type("graphs", "a Graph or a list of them", graphs)
     return list(graphs)

@@ -181,13 +181,16 @@ def anomalies_of(raw: Columns) -> dict[str, int]:
     return {"steps back in time": steps_back, "duplicate events": int(np.count_nonzero(duplicates))}
 
 
-def as_events(sample: object) -> Events:
-    """Return the events of a sample: Events as they are, all events of a Recording. TypeError for anything else."""
+def as_events(sample: object, name: str = "sample") -> Events:
+    """Return the events of a sample: Events as they are, all events of a Recording. TypeError for anything else.
+
+    `name` is the name of the caller's argument, for the message.
+    """
     if isinstance(sample, Events):
         return sample
     if isinstance(sample, Recording):
         return sample.read()
-    raise wrong_type("Events or a Recording", sample)
+    raise wrong_type(name, "Events or a Recording", sample)
 
 
 def events_inside(sample: object) -> Events:
@@ -195,9 +198,9 @@ def events_inside(sample: object) -> Events:
     return check_inside(as_events(sample))
 
 
-def wrong_type(wanted: str, given: object) -> TypeError:
-    """Return the error for a wrong type of input of a transform or a network."""
-    return TypeError(f"it takes {wanted}, but was given {_kind(given)}: check the order of the transforms")
+def wrong_type(name: str, wanted: str, given: object) -> TypeError:
+    """Return the error for an argument `name` of a transform or a network that has a wrong type."""
+    return TypeError(f"{name} must be {wanted}, not {_kind(given)}: check the order of the transforms")
 
 
 def _kind(given: object) -> str:

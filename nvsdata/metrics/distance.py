@@ -241,7 +241,7 @@ def compare(
     """
     to_nearest, repeated = chamfer_measure(weight), repeatability_measure(epsilon)
     measures = [to_nearest, repeated, emd_measure(blocks), swapped(to_nearest), swapped(repeated)]
-    a, b = as_events(emulated), as_events(real)
+    a, b = as_events(emulated, "emulated"), as_events(real, "real")
     near, same, moved, near_back, same_back = _measured(a, b, fps, offset, measures)
     # the time that both sequences cover, counted from the start of `a`
     begin, end = max(0, offset), min(a.end - a.start, b.end - b.start + offset)
@@ -288,7 +288,7 @@ def _measured(
     emulated: Events | Recording, real: Events | Recording, fps: float | None, offset: int, measures: list[Measure]
 ) -> list[Distance]:
     """Return the distance by each measure."""
-    a, b = as_events(emulated), as_events(real)
+    a, b = as_events(emulated, "emulated"), as_events(real, "real")
     if a.sensor_size != b.sensor_size:
         raise ValueError(f"events of different sensors can't be compared: {a.sensor_size} and {b.sensor_size}")
     if fps is not None:

@@ -68,7 +68,7 @@ def plot(thing: Any, kind: str | None = None, ax: Axes | None = None) -> Axes:
     elif isinstance(thing, torch.Tensor | np.ndarray) and thing.ndim >= 2:
         draw = _tensor
     else:
-        raise wrong_type("events, a graph or a tensor of at least two axes", thing)
+        raise wrong_type("thing", "events, a graph or a tensor of at least two axes", thing)
     axes = _axes("3d" if draw is _cloud else None) if ax is None else ax
     draw(axes, thing)
     return axes

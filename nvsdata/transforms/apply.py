@@ -65,7 +65,7 @@ def check_sample(sample: Any, *, graphs: bool = False, images: bool = False) -> 
     if isinstance(sample, taken) or (images and isinstance(sample, torch.Tensor) and sample.ndim >= 2):
         return
     others = ("a tensor [..., H, W], " if images else "") + ("a Graph, " if graphs else "")
-    raise wrong_type(f"{others}Events, a Recording or a list of them", sample)
+    raise wrong_type("sample", f"{others}Events, a Recording or a list of them", sample)
 
 
 def decoded(sample: Any) -> tuple[Any, list[Events]]:

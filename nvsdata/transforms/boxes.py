@@ -66,7 +66,7 @@ class WithBoxes:
             )
         size = size_of(sample)
         if size is None:
-            raise wrong_type("Events, a Recording or an image", sample)
+            raise wrong_type("sample", "Events, a Recording or an image", sample)
         sample, moved = with_boxes(self.transform, sample, Boxes.of(target["boxes"], size))
         count = len(target["boxes"])
         kept = {name: value if name in OF_IMAGE else _kept(value, moved, count) for name, value in target.items()}

@@ -197,5 +197,5 @@ def _note(error: Exception, number: int, transform: Any, sample: Any) -> None:
 
 def _listed(samples: Any) -> Sequence[Any]:
     if not isinstance(samples, list | tuple):
-        raise wrong_type("a list, such as RandomWindows returns", samples)
+        raise wrong_type("samples", "a list, such as RandomWindows returns", samples)
     return samples

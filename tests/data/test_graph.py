@@ -109,7 +109,7 @@ def test_graphs_that_a_batch_does_not_have():
 
 @pytest.mark.parametrize("other", [lambda: torch.ones(2, 1), lambda: [graph()], lambda: None])
 def test_networks_say_what_they_take(other):
-    with pytest.raises(TypeError, match="it takes a graph, or a batch of graphs, but was given"):
+    with pytest.raises(TypeError, match="graphs must be a Graph or a GraphBatch, not "):
         models.rgcnn("n-mnist")(other())
 
 
@@ -148,7 +148,7 @@ def test_what_is_a_batch_of_one():
     batch = GraphBatch.of(graph())
     assert GraphBatch.of(batch) is batch
     assert batch.ptr.tolist() == [0, 5]
-    with pytest.raises(TypeError, match="it takes a graph, or a batch of graphs, but was given str:"):
+    with pytest.raises(TypeError, match="graphs must be a Graph or a GraphBatch, not str:"):
         GraphBatch.of("graph")
 
 
@@ -178,7 +178,7 @@ def test_a_sequence_is_a_list_or_tuple_of_graphs():
     a, b = graph(1), graph(2)
     assert sequence_of((a, b)) == sequence_of([a, b]) == [a, b]
     for wrong in (a, [a, 5], "ab", iter([a])):
-        with pytest.raises(TypeError, match="it takes a graph, or a list of graphs, but was given"):
+        with pytest.raises(TypeError, match="graphs must be a Graph or a list of them, not "):
             sequence_of(wrong)
 
 

@@ -255,10 +255,12 @@ def test_steps_back_and_duplicates_are_counted(t, x, back, twins):
 def test_what_was_given_in_place_of_events_is_told():
     given = {"int": 5, "a list of int": [5], "list": [], "a tuple of str": ("a",), "ndarray [2, 3]": np.zeros((2, 3))}
     for words, value in given.items():
-        message = f"it takes bread, but was given {words}: check the order of the transforms"
-        assert str(wrong_type("bread", value)) == message
-    with pytest.raises(TypeError, match="it takes Events or a Recording, but was given NoneType:"):
+        message = f"sample must be a graph, not {words}: check the order of the transforms"
+        assert str(wrong_type("sample", "a graph", value)) == message
+    with pytest.raises(TypeError, match="sample must be Events or a Recording, not NoneType:"):
         as_events(None)
+    with pytest.raises(TypeError, match="real must be Events"):
+        as_events(None, "real")
     assert as_events(FULL.events) is FULL.events
     assert as_events(Bare(FULL.events)) == FULL.events
 

@@ -312,7 +312,7 @@ def test_boxes_come_in_any_form(make):
 
 
 def test_a_list_as_sample_is_misplaced():
-    with pytest.raises(TypeError, match="it takes Events, a Recording or an image"):
+    with pytest.raises(TypeError, match="sample must be Events, a Recording or an image, not a list of Events"):
         T.WithBoxes(T.RandomFlip())([filled()], target(BOX))
 
 

@@ -106,7 +106,7 @@ def test_what_has_no_neighbors():
         pos[1, 0] = odd
         with pytest.raises(ValueError, match="nodes must be at finite positions, at most 32767 pixels apart"):
             T.RadiusGraph()(replace(graph, pos=pos))
-    with pytest.raises(TypeError, match=r"takes Events, a Recording or a single graph, but was given GraphBatch"):
+    with pytest.raises(TypeError, match=r"sample must be Events, a Recording or a single graph, not GraphBatch"):
         T.KNNGraph()(GraphBatch.of(graph))
     for join, message in (
         (lambda: T.RadiusGraph(max_degree=0)(ev), "max_degree must be a whole number of at least 1, not 0"),

@@ -105,7 +105,7 @@ def test_a_wrong_kind_of_sample_is_named(transform):
             torch.manual_seed(seed)
             found = outcome(applied, sample)
             if isinstance(found, TypeError):
-                assert re.match("it takes .*(, but was given |not of torch)", str(found)), (kind, found)
+                assert re.match("(sample|samples|graphs) must be .*, not ", str(found)), (kind, found)
             elif isinstance(found, ValueError):
                 assert re.search(TOO_SMALL, str(found)), (kind, found)
             else:
@@ -114,12 +114,17 @@ def test_a_wrong_kind_of_sample_is_named(transform):
 
 @pytest.mark.parametrize("feature", [T.Age(), T.Patch(), T.PatchMean()], ids=repr)
 @pytest.mark.parametrize(
-    "given",
-    [(EVENTS, EVENTS), (GRAPH, GRAPH), (EVENTS, None), (FRAMES, GRAPH)],
+    ("given", "message"),
+    [
+        ((EVENTS, EVENTS), "nodes must be a Graph, such as NodeFeatures passes, not Events"),
+        ((GRAPH, GRAPH), "events must be Events, such as NodeFeatures passes, not Graph"),
+        ((EVENTS, None), "nodes must be a Graph, such as NodeFeatures passes, not NoneType"),
+        ((FRAMES, GRAPH), "events must be Events, such as NodeFeatures passes, not Tensor"),
+    ],
     ids=["events", "graph", "nothing", "frames"],
 )
-def test_a_feature_of_something_else_is_named(feature, given):
-    with pytest.raises(TypeError, match="it takes Events and their Graph, as NodeFeatures passes them, but was given"):
+def test_a_feature_of_something_else_is_named(feature, given, message):
+    with pytest.raises(TypeError, match=message):
         feature(*given)
 
 
@@ -144,7 +149,7 @@ def test_unusual_sensors_and_few_events(transform, size, monkeypatch):
         for applied in (transform, T.Compose([transform])):
             found = outcome(applied, few(size, count))
             if isinstance(found, TypeError):
-                assert str(found).startswith("it takes "), found
+                assert re.match("(sample|samples|graphs) must be ", str(found)), found
             elif isinstance(found, ValueError):
                 assert re.search(TOO_SMALL, str(found)), found
                 assert "{}x{}".format(*size) in str(found)

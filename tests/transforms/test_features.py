@@ -162,7 +162,7 @@ def test_features_that_do_not_fit():
         T.NodeFeatures(T.RadiusGraph(), ["age"])
     with pytest.raises(TypeError, match="returns Events, not a Graph"):
         T.NodeFeatures(T.NonUniformSample(), [T.Age()])(ev)
-    with pytest.raises(TypeError, match="takes Events or a Recording, but was given Graph"):
+    with pytest.raises(TypeError, match="sample must be Events or a Recording, not Graph"):
         T.MergePixels()(T.RadiusGraph()(ev))
     with pytest.raises(ValueError, match=r"times must be of \('first', 'last', 'mean'\), not 'middle'"):
         T.MergePixels(("middle",))(ev)

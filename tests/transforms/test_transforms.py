@@ -316,14 +316,14 @@ def test_transforms_take_recordings(tmp_path):
 
 def test_steps_in_the_wrong_order_are_named():
     ev = sweep()
-    with pytest.raises(TypeError, match="takes Events or a Recording, but was given Graph: check the order") as caught:
+    with pytest.raises(TypeError, match="sample must be Events or a Recording, not Graph: check the order") as caught:
         T.Compose([T.RadiusGraph(), T.RandomWindow(1_000)])(ev)
     assert caught.value.__notes__ == [
         "in step 2 of the pipeline, RandomWindow(duration=1000, within=(0.0, 1.0)), given Graph"
     ]
-    with pytest.raises(TypeError, match="takes a graph, or a list of graphs, but was given Events"):
+    with pytest.raises(TypeError, match="graphs must be a Graph or a list of them, not Events"):
         T.Graph2Grid()(ev)
-    with pytest.raises(TypeError, match="but was given a list of Events"):
+    with pytest.raises(TypeError, match="them, not a list of Events"):
         T.Graph2Grid()([ev])
     of_events = (
         T.NonUniformSample(),
@@ -335,9 +335,9 @@ def test_steps_in_the_wrong_order_are_named():
     )
     of_events += (T.RandomScale(), T.RandomRotate(), T.RandomTranslate())
     for transform in of_events:
-        with pytest.raises(TypeError, match=r"but was given Tensor \[2, 3\]"):
+        with pytest.raises(TypeError, match=r"sample must be .*, not Tensor \[2, 3\]"):
             transform(torch.zeros(2, 3))
-    with pytest.raises(TypeError, match="takes a list, such as RandomWindows returns, but was given Events"):
+    with pytest.raises(TypeError, match="samples must be a list, such as RandomWindows returns, not Events"):
         T.Each(T.RadiusGraph())(ev)
 
 

@@ -192,7 +192,7 @@ def _joined_nodes(graph: Graph, near: Near, reach: Reach, kind: Pseudo) -> Graph
         kind: Of pseudo-coordinates.
     """
     if isinstance(graph, GraphBatch):
-        raise wrong_type("Events, a Recording or a single graph", graph)
+        raise wrong_type("sample", "Events, a Recording or a single graph", graph)
     order = np.argsort(graph.t.numpy(), kind="stable")
     pixels = np.rint(graph.pos.numpy()[order])
     with np.errstate(invalid="ignore"):

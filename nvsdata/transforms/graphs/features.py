@@ -231,9 +231,10 @@ def _counts(events: Events, nodes: Graph, size: int) -> np.ndarray:
 
 def _check_given(events: Events, nodes: Graph) -> None:
     """Raise a TypeError unless a feature gets events and a graph."""
-    for kind, given in ((Events, events), (Graph, nodes)):
-        if not isinstance(given, kind):
-            raise wrong_type("Events and their Graph, as NodeFeatures passes them", given)
+    if not isinstance(events, Events):
+        raise wrong_type("events", "Events, such as NodeFeatures passes", events)
+    if not isinstance(nodes, Graph):
+        raise wrong_type("nodes", "a Graph, such as NodeFeatures passes", nodes)
 
 
 def _fraction(t: np.ndarray, events: Events) -> np.ndarray:

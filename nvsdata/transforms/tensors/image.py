@@ -197,9 +197,11 @@ class Normalize:
 def check_image(image: Any, axes: int = 2, *, floats: bool = False) -> None:
     """Raise TypeError unless this is a tensor of at least `axes` axes; if `floats`, of floating-point numbers."""
     if not isinstance(image, torch.Tensor) or image.ndim < axes:
-        raise wrong_type("a tensor [..., H, W], such as EventImage or ToFrames returns", image)
+        raise wrong_type("sample", "a tensor [..., H, W], such as EventImage or ToFrames returns", image)
     if floats and not image.is_floating_point():
-        raise TypeError(f"it takes a tensor of floating-point numbers, not of {image.dtype}: convert it by .float()")
+        raise TypeError(
+            f"sample must be a tensor of floating-point numbers, not of {image.dtype}: convert it by .float()"
+        )
 
 
 def center_square(image: Image, size: int) -> Image:
