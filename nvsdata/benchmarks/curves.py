@@ -33,12 +33,12 @@ def _first(measurements: Sequence[Measurement], at: int) -> tuple[int, int]:
 
 
 def is_scaling(measurements: Sequence[Measurement]) -> bool:
-    """Return whether a benchmark is measured at several sizes: whether its axis is one of the sizes."""
+    """Return whether a benchmark is measured at several sizes, so that its axis is one of the sizes."""
     return any(one.axis in one.size for one in measurements)
 
 
 def is_tradeoff(measurements: Sequence[Measurement]) -> bool:
-    """Return whether a setting of a benchmark trades time for accuracy: whether our errors differ along the axis."""
+    """Return whether a setting trades time for accuracy, so that the errors of nvsdata differ along the axis."""
     ours = [one for one in measurements if one.library == OURS and one.axis]
     return not is_scaling(measurements) and len({one.error for one in ours if one.error is not None}) > 1
 
@@ -47,7 +47,7 @@ def pareto_indices(points: Sequence[tuple[float, float]]) -> list[int]:
     """Return the indices of the points on the Pareto front of error and time, sorted by error.
 
     Args:
-        points: (error, seconds) of each.
+        points: (error, seconds) of each measurement.
 
     Example:
         >>> pareto_indices([(0.0, 3.0), (0.1, 4.0), (0.2, 1.0)])

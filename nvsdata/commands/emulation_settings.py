@@ -164,7 +164,7 @@ def read_settings(path: Path) -> BuiltInEmulator:
     """Read the settings that `write_settings` wrote.
 
     Raises:
-        ValueError: The file is another one, or a setting is out of range.
+        ValueError: The file isn't one of `write_settings`, or a setting is out of range.
     """
     try:
         content = json.loads(path.read_text("utf-8"))

@@ -29,7 +29,7 @@ NO_VALUE: Any = object()  # stands for the folder that --monitor and --status ne
 
 
 class ModeHelp(argparse.Action):
-    """Help for the mode whose option stands before `--help`: only the options that apply in it."""
+    """Help for the mode whose option precedes `--help`: only the options that apply in this mode."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *_: Any) -> None:
         """Print the help, and exit."""

@@ -102,7 +102,7 @@ def tune_files(
 
     Args:
         real: Recordings of a camera.
-        video: Videos that it saw, in the same order.
+        video: Videos that were shown to the camera, in the same order.
         out: Folder of the results.
         base: Emulator to begin with.
         fixed: Names of settings that aren't searched.

@@ -119,17 +119,17 @@ def _transport(count: int, pot: bool) -> PreparedCase:
 
     a, b, costs = am.astype(float), bm.astype(float), np.hypot(ax[:, None] - bx, ay[:, None] - by)
     surplus = a.sum() - b.sum()
-    # POT moves all mass: an additional point takes the surplus of one side at no cost
+    # POT moves all mass, so an additional point takes the surplus of one side at no cost
     if surplus > 0:
         b, costs = np.append(b, surplus), np.pad(costs, ((0, 0), (0, 1)))
     elif surplus < 0:
         a, costs = np.append(a, -surplus), np.pad(costs, ((0, 1), (0, 0)))
-    # the cost matrix is computed before
+    # the cost matrix is computed before the timed call
     return PreparedCase(lambda: ot.emd2(a, b, costs, numItermax=10**7), lambda found: abs(found - exact) / exact)
 
 
 def _assigned(ax: np.ndarray, ay: np.ndarray, am: np.ndarray, bx: np.ndarray, by: np.ndarray, bm: np.ndarray) -> float:
-    """Return the least benchmark with SciPy, which assigns each unit of mass to another one."""
+    """Return the EMD by SciPy, which assigns each unit of mass of one side to a unit of the other."""
     ax, ay, bx, by = np.repeat(ax, am), np.repeat(ay, am), np.repeat(bx, bm), np.repeat(by, bm)
     costs = np.hypot(ax[:, None] - bx, ay[:, None] - by)
     return float(costs[linear_sum_assignment(costs)].sum())

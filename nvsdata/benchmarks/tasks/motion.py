@@ -88,7 +88,7 @@ def scene(time: int) -> np.ndarray:
 def time_difference(found: Events, exact: Events) -> float:
     """Return the median difference in µs between the k-th ON or OFF events of the same pixel.
 
-    Events without a counterpart are ignored; infinite if none has one.
+    Events without a counterpart are ignored. If no event has a counterpart, the result is infinite.
     """
     (ours, when), (theirs, then) = _ranked(found), _ranked(exact)
     _, i, j = np.intersect1d(ours, theirs, assume_unique=True, return_indices=True)

@@ -1,8 +1,9 @@
 """Pixels that compare their level with that at their last event, frame by frame: see `nvsdata.emulation.DVS`.
 
-Arrays: `level`, `memory`, `reached`, `speed` of one float type [H, W], the last two only with a photoreceptor; frames
-uint8 [H, W * C]. Between frames a level is a line, so a pixel crosses thresholds in one direction only, and where
-neither light nor memory moves it doesn't cross any. So tiles that don't change are left out until their `wake`.
+The arrays `level`, `memory`, `reached` and `speed` are [H, W] of one float type; the last two are used only with a
+photoreceptor. Frames are uint8 [H, W * C]. Between frames a level changes linearly, so a pixel crosses thresholds in
+one direction only. It crosses none if neither the light nor its memory changes. So tiles that don't change are skipped
+until their time `wake`.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ NEVER = LATEST  # µs
 class Sensor(NamedTuple):
     """Constants of a sensor, the same for all frames.
 
-    - `table`: level by gray byte or by luminance in thousandths; empty to compute logarithms of colors
-    - `dark`: thousandths of a gray level that are added to brightness before its logarithm
-    - `thresholds` [2]: OFF and ON; `each` [2, H, W]: thresholds of single pixels, or empty
-    - `leak`: by how much memory falls per µs
-    - `speed`: rate of a white pixel's photoreceptor in 1/µs; 0 for one without delay
+    - `table`: level for each gray byte, or for each luminance in thousandths; empty to compute logarithms of colors
+    - `dark`: brightness that is added before the logarithm, in thousandths of a gray level
+    - `thresholds` [2]: thresholds of OFF and ON; `each` [2, H, W]: thresholds of single pixels, or empty
+    - `leak`: decrease of the memory per µs
+    - `speed`: rate of the photoreceptor of a white pixel in 1/µs; 0 for a photoreceptor without delay
     """
 
     table: np.ndarray
@@ -39,10 +40,10 @@ class Array(NamedTuple):
     """The state of all pixels, and of tiles [tile rows, tile columns].
 
     - `level`: logarithm of the light in the last frame
-    - `memory`: level at the last event, as if it had been at time 0
-    - `reached`: where photoreceptors were when their tile changed last, and `speed`: how fast they approach the level
-    - `dirty` bool: tiles that changed; `wake` int64: when (µs) one may fire though it doesn't change
-    - `since` int64: µs of its last change
+    - `memory`: level at the last event, with the leak since time 0 added back
+    - `reached`: levels of the photoreceptors at the last change of their tile; `speed`: their rates in 1/µs
+    - `dirty` bool: tiles that changed; `wake` int64: time in µs from which a tile may fire without a change
+    - `since` int64: time in µs of the last change of a tile
     """
 
     level: np.ndarray
@@ -65,10 +66,10 @@ def advance(
     now: int,
     keys: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Process a frame at `now` µs, the last one was at `before`; return the keys of its events and their number.
+    """Process a frame at `now` µs after one at `before` µs; return the keys of its events and their number.
 
-    `given` [H, W] replaces the logarithm of the frame's bytes, unless it is empty. Keys are written to `keys` or, if it
-    is too short, to a longer array. O(bytes + active pixels + events).
+    `given` [H, W] replaces the logarithm of the frame's bytes, unless it is empty. Keys are written to `keys` or, if
+    that is too short, to a longer array. O(bytes + active pixels + events).
     """
     fixed = sensor.table, sensor.dark, sensor.thresholds, sensor.each.reshape(-1), sensor.leak
     state = array.level, array.memory, array.dirty, array.wake
@@ -77,7 +78,10 @@ def advance(
 
 
 def receptor_rates(level: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Rate at which photoreceptors approach levels of light, in 1/µs: v2e's (I + 20) / 275 of that at white."""
+    """Return the rates, in 1/µs, at which photoreceptors approach their levels of light.
+
+    As in v2e, the rate at gray level I is (I + 20) / 275 times that of a white pixel.
+    """
     out = np.empty(level.shape, np.float64)
     _native.receptor_rates(level.astype(np.float64).reshape(-1), sensor.dark, sensor.speed, out.reshape(-1))
     return out
@@ -94,12 +98,13 @@ def advance_receptors(
     now: int,
     keys: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Process a frame like `advance` where pixels have photoreceptors (photoreceptor.cpp); all arrays are float64.
+    """Process a frame like `advance` for pixels with photoreceptors (photoreceptor.cpp); all arrays are float64.
 
-    Light is a line from frame to frame, in steps of which each pixel has a rate of its own. Within a step a pixel is at
-    q(t) = base + slope t - lag exp(-rate t) above its memory, which turns once at most: so crossings are found on the
-    curve itself, and a tile whose light stays sleeps until one of its pixels reaches a threshold. Exponentials and
-    logarithms are the C library's, so the last bit of a level may depend on its version and on the processor.
+    Light changes linearly from frame to frame, in steps in which each pixel has a constant rate. Within a step, a pixel
+    is q(t) = base + slope t - lag exp(-rate t) above its memory. This curve has at most one turning point, so crossings
+    are found exactly. A tile whose light is constant is skipped until one of its pixels reaches a threshold.
+    Exponentials and logarithms are computed by the C library, so the last bit of a level may depend on its version and
+    on the processor.
     """
     fixed = sensor.table, sensor.dark, sensor.thresholds, sensor.each.reshape(-1), sensor.leak, sensor.speed
     light = frame, previous, first_weight, given

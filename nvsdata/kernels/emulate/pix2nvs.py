@@ -1,8 +1,8 @@
-"""PIX2NVS, one frame at a time (thesis 3.2): tiles that did not change are only compared.
+"""PIX2NVS, one frame at a time (thesis, section 3.2): tiles that did not change are only compared.
 
-Arrays: frames uint8 [H, W * C]; `plane`, `level`, `reference`, `difference` of one float type [H, W]; marks of tiles
-bool [tile rows, tile columns]. Steps that need no neighbors are done band by band, so that a band stays in the cache
-from bytes to events.
+Frames are uint8 [H, W * C]. `plane`, `level`, `reference` and `difference` are [H, W] of one float type. Marks of tiles
+are bool [tile rows, tile columns]. Steps that need no neighbors are done in bands of rows, so that a band stays in the
+cache from bytes to events.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ INTERPOLATED, RANDOM, AT_ONCE = range(3)
 class Rule(NamedTuple):
     """Settings that stay the same from frame to frame.
 
-    - `contrast`: whether brightness is taken relative to that of neighbors
+    - `contrast`: whether levels are contrasts to the neighbors
     - `table`, `t_log`, `slope`: see `luminance`
-    - `method`: one of the first three above, (3.3) and (3.4)
-    - `sensitivity`: by which differences are multiplied, [H, W] or empty
-    - `side` of blocks in which one pixel fires, (3.5)
-    - `threshold` of a difference, and `most` events that it gives, (3.6) and (3.8)
-    - `timing`: one of the other three above; the k-th event is at k T threshold / |d|, at random, or at 0
-    - `alpha`, `everywhere`: by how much references approach levels, also where nothing fires, (3.9) and (3.10)
+    - `method`: one of the first three constants above (eq. 3.3 and 3.4)
+    - `sensitivity`: factors of the differences, [H, W] or empty
+    - `side`: side in pixels of the blocks in which one pixel fires (eq. 3.5)
+    - `threshold`: difference at which a pixel fires; `most`: its largest number of events (eq. 3.6 and 3.8)
+    - `timing`: one of the other three constants above; the k-th event is at k T threshold / |d|, at random, or at 0
+    - `alpha`: weight of the level in a new reference; `everywhere`: whether pixels that don't fire also get a new
+      reference (eq. 3.9 and 3.10)
     - `calm`: difference below which a pixel of a still tile doesn't fire
     """
 
@@ -51,10 +52,10 @@ class Tiles(NamedTuple):
     """The state of tiles, bool [tile rows, tile columns] each, except `behind`.
 
     - `dirty`: tiles that changed
-    - `affected`: tiles whose perceived brightness changed (the same array where neighbors don't matter)
+    - `affected`: tiles whose perceived brightness changed (the same array as `dirty` if neighbors don't matter)
     - `active`: tiles that have to be processed
     - `still`: tiles that needn't be processed until they or their neighbors get dirty
-    - `behind` int64: number of frames by which a tile's references are behind
+    - `behind` int64: number of frames since the references of a tile were updated
     """
 
     dirty: np.ndarray
@@ -74,7 +75,7 @@ class Pixels(NamedTuple):
 
 
 def mark_tiles(frame: np.ndarray, previous: np.ndarray, rule: Rule, tiles: Tiles, pixels: Pixels) -> bool:
-    """Find the tiles that a frame makes dirty and active, and update references; return whether any are active."""
+    """Find the tiles that are dirty and active in a frame, and update references; return whether any tile is active."""
     settings = rule.contrast, rule.method, rule.side, rule.alpha, rule.everywhere
     found: bool = _native.mark_tiles(frame, previous, *settings, *tiles, pixels.level, pixels.reference)
     return found
@@ -83,8 +84,9 @@ def mark_tiles(frame: np.ndarray, previous: np.ndarray, rule: Rule, tiles: Tiles
 def luminance(frame: np.ndarray, first_weight: int, rule: Rule, tiles: np.ndarray, plane: np.ndarray) -> None:
     """Write the perceived brightness of pixels of one byte (gray) or three to `plane`, in marked tiles.
 
-    For one byte it is the rule's table[byte]; for three, table[1000 q], q = 0.299 r + 0.587 g + 0.114 b, or (3.1) if
-    the table is empty. `first_weight`: weight of the first byte in thousandths, 299 for r, g, b, 114 for b, g, r.
+    For one byte it is the rule's table[byte]. For three bytes it is table[1000 q] with q = 0.299 r + 0.587 g + 0.114 b,
+    or eq. 3.1 of q if the table is empty. `first_weight` is the weight of the first byte in thousandths: 299 for r, g,
+    b, and 114 for b, g, r.
     """
     _native.luminance(frame, first_weight, rule.table, rule.t_log, rule.slope, tiles, plane)
 
@@ -92,10 +94,10 @@ def luminance(frame: np.ndarray, first_weight: int, rule: Rule, tiles: np.ndarra
 def contrast(
     plane: np.ndarray, tiles: np.ndarray, then_log: bool, t_log: float, slope: float, level: np.ndarray
 ) -> None:
-    """Write each pixel's contrast, the mean distance from its four neighbors (3.2), to `level`.
+    """Write the contrast of each pixel, the mean absolute difference from its four neighbors (eq. 3.2), to `level`.
 
-    If `then_log`, the result is mapped by (3.1). Borders are replicated. `plane` and `level` are float64. The logarithm
-    is the C library's.
+    If `then_log`, the result is mapped by eq. 3.1, with the logarithm of the C library. Borders are replicated. `plane`
+    and `level` are float64.
     """
     _native.contrast(plane, tiles, then_log, t_log, slope, level)
 
@@ -111,11 +113,11 @@ def step(
     seed: int,
     keys: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Process a frame `span` µs after the last one; return the keys of its events and their number, see `read_keys`.
+    """Process a frame `span` µs after the last one; return the keys of its events (see `read_keys`) and their number.
 
-    An empty `frame` means that `mark_tiles` was called, and that `plane` and `level` are up to date. All remaining
-    work is one call, because each call releases Python's lock and waits to get it back. Keys are written to `keys` or,
-    if it is too short, to a longer array. `seed` seeds random times. O(bytes + active pixels + events).
+    If `frame` is empty, `mark_tiles` was called before, and `plane` and `level` are up to date. All remaining work is
+    done in one call, because each call releases Python's lock and waits to get it back. Keys are written to `keys` or,
+    if that is too short, to a longer array. `seed` is the seed of random times. O(bytes + active pixels + events).
     """
     count, longer = _native.next_frame(frame, previous, first_weight, *rule, *tiles, *pixels, span, seed, keys)
     return keys if longer is None else longer, count

@@ -23,9 +23,9 @@ def event_graph(
     reach: tuple[float, ...],
     signed: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the arrays of a graph: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges and pseudo-coordinates.
+    """Return the arrays of a graph: polarity ±1 [N, 1], pos [N, 2], t since `start` [N], edges and pseudo-coordinates.
 
-    See `near_edges` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
+    `near_edges` describes the edges, and `pseudo_coordinates` the arguments `reach` and `signed`.
     """
     edges = near_edges(t, x, y, radius, alpha, beta, k)
     feature, pos = np.empty((t.size, 1), np.float32), np.empty((t.size, 2), np.float32)
@@ -40,14 +40,14 @@ def pseudo_coordinates(
     """Return differences from target to source of every edge, as fractions of `reach`: float32 [E, len(reach)]. O(E).
 
     Args:
-        pos: float32 [N, 2].
-        t: int64 [N].
-        edges: int64 [2, E].
-        reach: for x, y and, if there are three, t.
-        signed: the result is 1/2 + d / (2 reach), clipped to 0..1, instead of min(|d| / reach, 1).
+        pos: Positions of nodes in pixels, float32 [N, 2].
+        t: Times of nodes in µs, int64 [N].
+        edges: Source and target of each edge, int64 [2, E].
+        reach: Normalization ranges of x and y in pixels and, if there are three, of t in µs.
+        signed: True for 1/2 + d / (2 reach), clipped to 0..1, where d is the difference; False for min(|d| / reach, 1).
 
     Raises:
-        IndexError: an edge names a node that doesn't exist.
+        IndexError: An edge has a node that doesn't exist.
     """
     out = np.empty((edges.shape[1], len(reach)), np.float32)
     ends = *reach[:2], reach[2] if len(reach) == 3 else 1.0
@@ -57,7 +57,7 @@ def pseudo_coordinates(
 
 
 def check_edges(source: np.ndarray, target: np.ndarray, u: np.ndarray, nodes: int) -> int:
-    """Return whether edges are valid, and whether they are grouped by target: one of the codes above. O(E)."""
+    """Return a code: whether edges are valid, and whether they are grouped by target. O(E)."""
     code: int = _native.check_edges(source, target, u, nodes)
     return code
 
@@ -65,7 +65,9 @@ def check_edges(source: np.ndarray, target: np.ndarray, u: np.ndarray, nodes: in
 def with_self_loops(
     source: np.ndarray, target: np.ndarray, u: np.ndarray, nodes: int, origin: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return edges grouped by target, with a self-loop of pseudo-coordinates `origin` in front of each group. O(E + N).
+    """Return edges grouped by target, with a self-loop at the beginning of each group. O(E + N).
+
+    The self-loops have the pseudo-coordinates `origin`.
 
     `source`, `target` int64 [E] are sorted by target, `u` is float [E, D]; the results are int64 [2, E + N] and
     [E + N, D].

@@ -24,19 +24,21 @@ def near_sources(
     The squared distance is alpha (dx² + dy²) + beta dt². Of events at the same distance, the one nearer in time comes
     first, then the one of smaller index, as in the author's released graphs.
 
-    O(N (pixels within the distance of the k-th + k)), however many events a pixel has, where no difference in time
-    makes up for one in space; otherwise k² takes the place of k. If on average fewer than `sweep_below` events are near
-    in time, those are tested instead.
+    The search visits pixels around an event in order of distance. It takes O(N (P + k)), where P is the number of
+    pixels up to the distance of the k-th neighbor, if no difference in time can change the order of distances in space,
+    and O(N (P + k²)) otherwise. If on average fewer than `sweep_below` events are near in time, all of these are tested
+    instead.
 
     Args:
-        t: int64 [N], must not decrease.
-        x: int16 or int32 [N].
-        y: of the same type.
-        radius: may be infinite if alpha > 0.
-        alpha: weight of squared pixels.
-        beta: weight of squared µs.
-        k: at least 1.
-        sweep_below: see above; 0 and very large numbers choose one of the two ways.
+        t: Times in µs, int64 [N], which must not decrease.
+        x: Columns, int16 or int32 [N].
+        y: Rows, of the same type as `x`.
+        radius: Largest distance. It may be infinite if alpha > 0.
+        alpha: Weight of squared pixels.
+        beta: Weight of squared µs.
+        k: Largest number of neighbors, at least 1.
+        sweep_below: Mean number of events near in time below which all of them are tested. 0 always selects the search
+            by pixels, and a very large number never.
 
     Returns:
         Number of sources of each event, int32 [N]; their indices, ascending, at the beginning of each row of an int32

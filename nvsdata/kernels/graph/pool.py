@@ -1,7 +1,7 @@
 """Clusters of nodes: the coarse graph, and features pooled over its clusters.
 
-`cluster` int64 [N] is the cluster of each node, 0 <= cluster < M. IndexError for a cluster that doesn't exist,
-ValueError for sizes that don't agree.
+`cluster` int64 [N] is the cluster of each node, 0 <= cluster < M. A cluster that doesn't exist raises an IndexError,
+and sizes that don't agree raise a ValueError.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ def clusters(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the cluster of every node, and positions and times of the clusters. O(N + B · columns · rows).
 
-    A cluster is a cell of a grid; nodes outside the grid belong to its border cells, nodes at NaN to cell 0. Clusters
-    are numbered by graph, row, column.
+    A cluster is a cell of a grid. Nodes outside the grid belong to its border cells, and nodes at NaN to cell 0.
+    Clusters are numbered by graph, row, column.
 
     Args:
-        pos: float [N, 2].
-        t: int64 [N].
-        ptr: int64 [B + 1]; graph b owns nodes ptr[b]..ptr[b + 1].
-        width: of a cluster in pixels.
-        height: likewise.
-        columns: clusters of a row.
-        rows: of clusters.
+        pos: Positions of nodes in pixels, float [N, 2].
+        t: Times of nodes in µs, int64 [N].
+        ptr: First node of each graph, int64 [B + 1]; graph b has nodes ptr[b] to ptr[b + 1] - 1.
+        width: Width of a cluster in pixels.
+        height: Height of a cluster in pixels.
+        columns: Number of clusters in a row of the grid.
+        rows: Number of rows of the grid.
 
     Returns:
         `cluster` int64 [N]; the clusters' `position` float32 [M, 2] (floor of the mean, eq. 4.8), `time` int64 [M]
-        (likewise) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
+        (also the floor of the mean) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
     """
     nodes, graphs = t.size, ptr.size - 1
     if pos.shape != (nodes, 2) or graphs < 0 or min(width, height, columns, rows) < 1 or columns * rows >= 2**31:
@@ -43,7 +43,7 @@ def clusters(
 
 
 def merged_edges(source: np.ndarray, target: np.ndarray, cluster: np.ndarray, count: int) -> np.ndarray:
-    """Return the edges between `count` clusters that any edge of their nodes joins: each once, no loops.
+    """Return the edges between `count` clusters whose nodes have edges: each edge once, without loops.
 
     `source`, `target` int64 [E] are sorted by target. The result is int64 [2, E'] sorted by (target, source).
     O(E + E' log degree).
@@ -55,7 +55,7 @@ def merged_edges(source: np.ndarray, target: np.ndarray, cluster: np.ndarray, co
 def max_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the maximum of each channel over each cluster, and the first node that has it. O(N · C).
 
-    NaN counts as more than any number, as in torch. The results are float [M, C] and int32 [M, C]; a cluster without
+    NaN counts as larger than any number, as in torch. The results are float [M, C] and int32 [M, C]; a cluster without
     nodes has 0 and -1.
     """
     shape = count, features.shape[1]
@@ -65,7 +65,7 @@ def max_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np.
 
 
 def max_rows_back(gradient: np.ndarray, where: np.ndarray, nodes: int) -> np.ndarray:
-    """Return the gradient of `max_rows`: a cluster's gradient goes to the node that has the maximum."""
+    """Return the gradient of `max_rows`: the gradient of a cluster goes to the node that has the maximum."""
     out = np.zeros((nodes, gradient.shape[1]), gradient.dtype)
     _native.max_rows_back(gradient, where, out)
     return out
@@ -74,7 +74,7 @@ def max_rows_back(gradient: np.ndarray, where: np.ndarray, nodes: int) -> np.nda
 def mean_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean of each channel over each cluster. O(N · C + M · C).
 
-    The results are float [M, C], and the number of each cluster's nodes in the type of the features [M].
+    The results are the means, float [M, C], and the number of nodes of each cluster, [M] in the type of the features.
     """
     mean, members = np.empty((count, features.shape[1]), features.dtype), np.zeros(count, features.dtype)
     _native.mean_rows(features, cluster, mean, members)

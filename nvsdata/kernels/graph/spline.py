@@ -1,11 +1,11 @@
 """B-spline aggregation: each edge adds its source's features, times weights, to the kernel cells of its target.
 
-Kernels are of degree 1 and have `size` cells along each of D axes; cell (i, j, ...) has the number i + size j + ....
-In all functions `source` and `target` are int64 [E], grouped by target; `u` is float32 or float64 [E, D], what is
-beyond [0, 1] counts as the end; other floats are of the same type. An edge has nonzero weights (shares) in up
-to 2^D cells; they are divided by the number of its target's edges.
+Kernels have degree 1 and `size` cells along each of D axes. Cell (i, j, ...) has the number i + size j + .... In all
+functions `source` and `target` are int64 [E], grouped by target. `u` is float32 or float64 [E, D]; values outside [0,
+1] count as the nearer end. Other floats have the same type. An edge has nonzero weights in up to 2^D cells, which are
+divided by the number of edges of its target.
 
-IndexError for edges and rows that name a node or a row that doesn't exist, ValueError for sizes that don't agree.
+An index of a node or row that doesn't exist raises an IndexError, and sizes that don't agree raise a ValueError.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-MOST = 2**31 - 1  # rows and entries that an int32 can count
+MOST = 2**31 - 1  # largest number of rows and entries, which are counted by int32
 
 
 def dense_sums(source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, features: np.ndarray) -> np.ndarray:
@@ -29,10 +29,10 @@ def dense_sums(source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int,
 def dense_gradient(
     source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, gradient: np.ndarray, nodes: int
 ) -> np.ndarray:
-    """Return the gradient with respect to `features` of `dense_sums`, [N, C], from that of its result. O(2^D E C)."""
+    """Return the gradient of `dense_sums` with respect to `features`, [N, C], from that of its result. O(2^D E C)."""
     cells = _cells(u, size, nodes)
     if len(gradient) != nodes * cells:
-        raise ValueError(f"{nodes} nodes with {cells} cells have no gradient of {len(gradient)} rows")
+        raise ValueError(f"the gradient has {len(gradient)} rows, not those of {nodes} nodes with {cells} cells each")
     out = np.zeros((nodes, gradient.shape[1]), gradient.dtype)
     _native.dense_gradient(source, target, u, size, gradient, out)
     return out
@@ -43,12 +43,12 @@ def spline_plan(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the rows of a graph's aggregation, sorted by kernel cell, and what is added to them.
 
-    A row is a (node, cell) pair that at least one edge touches; an entry adds a source's features, times a weight,
-    to a row. O(2^D E + size^D + rows).
+    A row is a pair of node and cell with at least one edge. An entry adds the features of a source, times a weight, to
+    a row. O(2^D E + size^D + rows).
 
     Returns:
-        `cell_start` int64 [size^D + 1]; `row_node` int64 [R]; and for each entry its row int32, source int32 and
-        share (type of u).
+        First row of each cell, int64 [size^D + 1]; node of each row, int64 [R]; and for each entry its row int32,
+        source int32 and weight (in the type of u).
     """
     cells = _cells(u, size, nodes)
     most = source.size << u.shape[1] if size > 1 else source.size
@@ -74,5 +74,5 @@ def _cells(u: np.ndarray, size: int, nodes: int) -> int:
     """Return the number of a kernel's cells."""
     cells: int = size ** u.shape[1]
     if not 1 <= cells <= MOST or nodes < 0:
-        raise ValueError(f"no kernel has {cells} cells, no graph {nodes} nodes")
+        raise ValueError(f"a kernel can't have {cells} cells, or a graph {nodes} nodes")
     return cells

@@ -50,12 +50,12 @@ def _with_zig(required: list[str]) -> list[str]:
 
 
 def get_requires_for_build_wheel(settings: Any = None) -> list[str]:
-    """Return what a wheel's build needs."""
+    """Return the requirements for building a wheel."""
     return _with_zig(build.get_requires_for_build_wheel(settings))
 
 
 def get_requires_for_build_editable(settings: Any = None) -> list[str]:
-    """Return what an editable installation's build needs."""
+    """Return the requirements for building an editable installation."""
     return _with_zig(build.get_requires_for_build_editable(settings))
 
 
@@ -75,7 +75,7 @@ def build_editable(folder: str, settings: Any = None, metadata: str | None = Non
 
 @contextmanager
 def _compiler() -> Iterator[None]:
-    """Let CMake use zig's compiler, by scripts because CMake wants a compiler's path without arguments."""
+    """Let CMake use the compiler of zig, by scripts, because CMake takes the path of a compiler without arguments."""
     if _has_compiler():
         yield
         return

@@ -6,7 +6,7 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-# what can be read of the state between chunks, an int64 array, by index; the rest is known to `decode` alone
+# indexes of the state between chunks, an int64 array, that Python reads; only `decode` uses the others
 (
     NOW,  # µs
     LEFT,  # of the region of frames that is in force
@@ -57,23 +57,25 @@ def decode(
     """Decode words from `start` on, until they end, a frame is complete or an output is full. O(words).
 
     Args:
-        words: uint16 [N].
-        start: index of the first word.
-        state: int64 [STATES], kept between calls, as `error_counts` and `pixels`; zeros at first.
-        error_counts: int64 [ERRORS].
-        setting: int64 [9]: columns and rows of events; width, height, swap, flip x, flip y of frames, factor of their
-            samples; and whether times never fall. If so, a time that would fall is taken as a sign of a lost wrap, and
+        words: Words of the stream, uint16 [N].
+        start: Index of the first word.
+        state: State of the decoder, int64 [STATES]. It keeps its contents between calls, like `error_counts` and
+            `pixels`, and is zero at first.
+        error_counts: Numbers of faults, int64 [ERRORS].
+        setting: int64 [9]: columns and rows of events; width, height, swap, flip x and flip y of frames; factor of
+            their samples; and 1 if times never decrease. In this case a decrease means that a wrap was lost, and
             resets after the first are ignored.
-        pixels: uint16 [width * height].
-        t: int64, output, like all that follow; at least N - start of them.
-        x: int16, the device's column.
-        y: int16, the device's row.
-        p: uint8.
-        specials: int64 [M, 4]: word, µs, type, events before it.
-        samples: int64 [M, 12]: word, µs, contents, scales of acceleration and rotation, seven values.
+        pixels: Pixels of the frame, uint16 [width * height].
+        t: Output for times in µs, int64. This and the next three outputs have at least N - start elements.
+        x: Output for columns of the device, int16.
+        y: Output for rows of the device, int16.
+        p: Output for polarities, uint8.
+        specials: Output for special events, int64 [M, 4]: word, time in µs, type, number of events before it.
+        samples: Output for inertial samples, int64 [M, 12]: word, time in µs, contents, scales of acceleration and
+            rotation, seven values.
 
     Returns:
-        The word it stopped at, the numbers of events, specials and samples, and whether a frame ended there.
+        Index of the next word, numbers of events, special events and samples, and whether a frame ended there.
     """
     found: tuple[int, int, int, int, bool] = _native.davis_decode(
         words, start, state, error_counts, setting, pixels, t, x, y, p, specials, samples
@@ -92,21 +94,21 @@ def measure(
 ) -> None:
     """Convert samples of `decode` (int64 [N, 12]) to g and degrees/s, float32 [N, 3], and °C, float32 [N]. O(N).
 
-    `flips`: axes that are negated (4: x, 2: y, 1: z); `slope` and `zero` of the temperature.
+    `flips` is the sum of the axes that are negated (4: x, 2: y, 1: z). `slope` and `zero` convert the temperature.
     """
     _native.davis_measure(rows, flips, slope, zero, acceleration, rotation, temperature)
 
 
 def encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray, words: np.ndarray) -> int:
-    """Write the words of events, as a camera sends them: a new time before its row, a row before its columns. O(N).
+    """Write the words of events as a camera sends them: a new time before its row, and a row before its columns. O(N).
 
     Args:
-        t: int64 µs, not decreasing.
-        x: any type, as int16, like y.
-        y: see x.
-        p: any type, as uint8.
-        state: int64 [3]: µs of the wraps so far, the last time and row sent, -1 for none.
-        words: uint16, output, 4 N of them and one per wrap.
+        t: Times in µs, int64, which must not decrease.
+        x: Columns, of any type; they are converted to int16.
+        y: Rows, of any type; they are converted to int16.
+        p: Polarities, of any type; they are converted to uint8.
+        state: int64 [3]: µs of the wraps so far, and the last time and row that were sent, -1 for none.
+        words: Output for the words, uint16, with 4 N elements and one per wrap.
 
     Returns:
         Number of words.

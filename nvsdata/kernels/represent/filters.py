@@ -1,4 +1,4 @@
-"""Masks of the events that pass a filter. IndexError for events outside the arrays of pixels or boxes."""
+"""Masks of the events that pass a filter. Events outside the arrays of pixels or boxes raise an IndexError."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 from nvsdata.kernels import _native
 
 NEVER = np.int64(-(2**63))  # more than 2^62 µs before all events
-LARGEST = 32_768  # pixels along an axis: a box of as many is the sensor
+LARGEST = 32_768  # pixels along an axis; a box of this side covers any sensor
 
 
 def not_refractory(t: np.ndarray, x: np.ndarray, y: np.ndarray, period: int, last: np.ndarray) -> np.ndarray:
     """Return the mask of the events at least `period` µs after the last kept event of their pixel. O(N).
 
-    `period` is at most 2^62. `last` int64 [H, W] has the times of the last kept events, `NEVER` at first; it is
-    updated.
+    `period` is at most 2^62. `last` int64 [H, W] has the time of the last kept event of each pixel, at first `NEVER`.
+    It is updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.not_refractory(t, x, y, period, last, keep)
@@ -33,8 +33,8 @@ def first_of_boxes(
 ) -> np.ndarray:
     """Return the mask of the first `most` events of each box of `side` x `side` pixels and `duration` µs. O(N).
 
-    `box` int64 [rows, columns] has the number of the last box in time at each place, `NEVER` at first, and `count` the
-    number of events that it kept. Both are updated.
+    `box` int64 [rows, columns] has the number of the latest box in time at each place, at first `NEVER`. `count` has
+    the number of its kept events. Both are updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.first_of_boxes(t, x, y, min(side, LARGEST), duration, most, box, count, keep)
@@ -46,9 +46,9 @@ def within_rate(
 ) -> np.ndarray:
     """Return the mask of the events that don't exceed a rate in their cell. O(N).
 
-    The rate is one event per `interval` µs; after a pause, up to `burst` events may follow each other faster. Cells
-    have `side` x `side` pixels. `due` int64 [rows, columns] is the time at which the kept events of a cell would have
-    ended at this rate, `NEVER` at first; it is updated.
+    The rate is one event per `interval` µs. After a pause, up to `burst` events may follow each other faster. Cells
+    have `side` x `side` pixels. `due` int64 [rows, columns] has the time at which the kept events of a cell would have
+    ended at this rate, at first `NEVER`. It is updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.within_rate(t, x, y, min(side, LARGEST), interval, burst, due, keep)
@@ -58,9 +58,9 @@ def within_rate(
 def supported_by_neighbors(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, shape: tuple[int, int], window: int
 ) -> np.ndarray:
-    """Return the mask of the events with an event at a neighboring pixel, of eight, at most `window` µs earlier.
+    """Return the mask of the events with an event at one of eight neighboring pixels at most `window` µs earlier.
 
-    O(N + pixels). `window` is at most 2^62. `shape` is (H + 2, W + 2), with a border so that all neighbors are inside.
+    O(N + pixels). `window` is at most 2^62. `shape` is (H + 2, W + 2), because a border makes all neighbors valid.
     """
     keep = np.empty(t.size, np.bool_)
     _native.supported_by_neighbors(t, x, y, *shape, window, keep)

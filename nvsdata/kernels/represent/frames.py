@@ -1,6 +1,6 @@
 """Events summed into the cells of a grid in time and space.
 
-Frame n has the events from `bounds[n]` to `bounds[n + 1]`. IndexError for events outside of the frames.
+Frame n has the events from `bounds[n]` to `bounds[n + 1]` - 1. Events outside the frames raise an IndexError.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ def sum_frames(
     factor: int,
     out: np.ndarray,
 ) -> None:
-    """Put polarity, +1 or -1, summed at each pixel, and its mean over cells of `factor` x `factor` pixels, into `out`.
+    """Write the sum of polarity (+1 or -1) at each pixel, averaged over cells of `factor` x `factor` pixels, to `out`.
 
-    `out` float32 [frames, rows, columns] is 0. O(N + output).
+    `out` float32 [frames, rows, columns] must be 0. O(N + output).
     """
     _native.sum_frames(x, y, p, bounds, *sensor_size, min(factor, LARGEST), out)
 
 
 def counted(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out: np.ndarray) -> None:
-    """Add events to frames, `out` float32, uint8 or int16 [T, C, H, W]; whole numbers stay at their limits. O(N).
+    """Add events to frames, `out` float32, uint8 or int16 [T, C, H, W]; integers are clipped to their range. O(N).
 
-    With two channels, 1 to that of their polarity, ON first; with one, +1 or -1.
+    With two channels (ON first), each event adds 1 to the channel of its polarity. With one channel, it adds +1 or -1.
     """
     _native.counted(x, y, p, bounds, out)
 
@@ -49,7 +49,7 @@ def marked(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out:
 def spread(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, linear: bool, out: np.ndarray) -> None:
     """Add +1 or -1 for each event to `out` float32 [B, H, W] at its time, scaled to 0 .. B - 1. O(N).
 
-    If `linear`, it is divided between the two nearest bins; otherwise it goes to the nearest bin, the later of two that
-    are equally near.
+    If `linear`, an event is divided between the two nearest bins. Otherwise it is added to the nearest bin, or to the
+    later one of two that are equally near.
     """
     _native.spread(t, x, y, p, linear, out)

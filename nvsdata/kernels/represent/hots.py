@@ -1,6 +1,6 @@
-"""Layers of HOTS: each event becomes the number of the prototype that the time surface around it is nearest to.
+"""Layers of HOTS: each event gets the number of the prototype nearest to the time surface around it.
 
-A recording must last less than 700 tau. IndexError for events outside of the surfaces.
+A recording must last less than 700 tau. Events outside the surfaces raise an IndexError.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ def feature_surfaces(
     grown: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill `out` float32 [M, F, side, side] with the surfaces of all features around the events `wanted`, sorted.
+    """Fill `out` float32 [M, F, side, side] with the surfaces of all features around the events `wanted`.
 
-    `feature` and `wanted` are int64; `grown` float64 [F, H + 2 radius, W + 2 radius] is scratch, 0. O(N + M F side²).
+    `feature` int64 [N] has the feature of each event, and `wanted` int64 [M] sorted indices of events. `grown` float64
+    [F, H + 2 radius, W + 2 radius] is scratch memory and must be 0. O(N + M F side²).
     """
     _native.feature_surfaces(t, x, y, feature, tau, radius, wanted, grown, out)
 
@@ -39,9 +40,10 @@ def nearest_prototypes(
     grown: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Write the number of each event's nearest prototype, float32 [K, F, side, side], to `found` int64 [N].
+    """Write the number of the prototype nearest to each event to `found` int64 [N].
 
-    `grown` as in `feature_surfaces`. Products are sums of 16 float32 sums, so if two prototypes are equally near
-    up to about 1e-6, either may be found. O(N K F side²).
+    `prototypes` is float32 [K, F, side, side], and `grown` is that of `feature_surfaces`. Scalar products are sums of
+    16 float32 sums, so if the distances of two prototypes differ by less than about 1e-6, either may be found. O(N K F
+    side²).
     """
     _native.nearest_prototypes(t, x, y, feature, tau, radius, prototypes, grown, found)

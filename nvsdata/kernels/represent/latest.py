@@ -1,4 +1,4 @@
-"""Images of the latest events of pixels: their times, and leaky sums. IndexError for events outside the image."""
+"""Images of the latest events of pixels: their times, and leaky sums. Events outside the image raise an IndexError."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def counts_and_times(
 ) -> None:
     """Add events to `out` float32 [4, H, W]: numbers of ON and OFF events, and their latest times.
 
-    Times from `start` are fractions of `duration`. O(N).
+    Times are measured from `start`, as fractions of `duration`. O(N).
     """
     _native.counts_and_times(t, x, y, p, start, duration, out)
 
@@ -20,9 +20,9 @@ def counts_and_times(
 def leak_into(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, increment: float, leak: float, value: np.ndarray, since: np.ndarray
 ) -> None:
-    """Add `increment` to `value` for each event; values fall by `leak` per µs, not below 0. O(N).
+    """Add `increment` to `value` for each event; values decrease by `leak` per µs, but not below 0. O(N).
 
-    `value` float64 and `since` int64, both [H, W], are the state: the values, and the times at which they had them.
+    The state is `value` float64 [H, W], and `since` int64 [H, W] with the times in µs to which the values apply.
     """
     _native.leak_into(t, x, y, increment, leak, value, since)
 
@@ -30,12 +30,15 @@ def leak_into(
 def push_times(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, times: np.ndarray, counts: np.ndarray
 ) -> None:
-    """Store times in ring buffers `times` int64 [2, k, H, W], ON first; `counts` int64 [2, H, W] counts them. O(N)."""
+    """Store the times of events in ring buffers `times` int64 [2, k, H, W], ON first. O(N).
+
+    `counts` int64 [2, H, W] has the numbers of events so far, and is updated.
+    """
     _native.push_times(t, x, y, p, times, counts)
 
 
 def logarithms(age: np.ndarray, known: np.ndarray, least: float, most: float) -> np.ndarray:
-    """Return log(age + 1) as in `logarithms_of_ages`, float32 [N], with `most` where an age isn't `known`. O(N)."""
+    """Return log(age + 1), float32 [N], as in `logarithms_of_ages`; `most` for an age that isn't `known`. O(N)."""
     out = np.empty(age.size, np.float32)
     _native.logarithms(age, known, least, most, out)
     return out
@@ -52,10 +55,10 @@ def logarithms_of_ages(
     have: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write log(age + 1) of each pixel's latest events to `out` [2, k, H, W], clipped to `least` .. `most`.
+    """Write log(age + 1) of each pixel's latest events to `out` float32 [2, k, H, W], clipped to `least` .. `most`.
 
-    `least` is subtracted afterwards. Ages are measured at `end`; ON and the latest event come first. `out` is float32.
-    `have` int32 [2, H, W] is scratch, all 0. O(N).
+    `least` is subtracted afterwards. Ages are measured at the time `end`. ON comes first, and the latest event comes
+    first. `have` int32 [2, H, W] is scratch memory and must be 0. O(N).
     """
     _native.logarithms_of_ages(t, x, y, p, end, least, most, have, out)
 
@@ -71,11 +74,11 @@ def queue_bins(
     within: np.ndarray,
     used: np.ndarray,
 ) -> None:
-    """Add times to queues, one per pixel, of the latest bins of `duration` µs that have events. O(N).
+    """Add times to queues of bins of `duration` µs: each pixel has a queue of its latest bins with events. O(N).
 
-    Bins count from `origin`; OFF comes first. The ring buffers are `bins` int64 [2, H, W, K], the numbers of the bins,
-    and `within` float64 [2, H, W, K, 2], the sum of the times since the bin's beginning and their number. `used` int64
-    [2, H, W] counts the slots used so far.
+    Bins are numbered from the time `origin`; OFF comes first. The ring buffers are `bins` int64 [2, H, W, K] with the
+    numbers of the bins, and `within` float64 [2, H, W, K, 2] with the sum of the times since the beginning of the bin,
+    and the number of its events. `used` int64 [2, H, W] has the numbers of slots used so far.
     """
     _native.queue_bins(t, x, y, p, origin, duration, bins, within, used)
 
@@ -83,9 +86,9 @@ def queue_bins(
 def ages_of_bins(
     since: int, duration: int, bins: np.ndarray, within: np.ndarray, used: np.ndarray, out: np.ndarray
 ) -> None:
-    """Write 1 - log(1 + age) / 8.7, at least 0, of the bins in the queues to `out`, the latest bin last.
+    """Write max(1 - log(1 + age) / 8.7, 0) of the bins in the queues to `out`, with the latest bin last.
 
-    `out` is float32 [K, 2, H, W]. Ages are those `since` µs after the origin, in bins. O(pixels + kept bins).
+    `out` is float32 [K, 2, H, W]. Ages are in bins, at `since` µs after the origin. O(pixels + kept bins).
     """
     _native.ages_of_bins(since, duration, bins, within, used, out)
 
@@ -101,8 +104,9 @@ def latest_ticks(
     decay: float,
     out: np.ndarray,
 ) -> None:
-    """Write the decayed value of each pixel's latest event, as of 1, 2, ... ticks ago, to `out` [K, 2, H, W]. O(N K).
+    """Write the decayed value of the latest event of each pixel, 1, 2, ... ticks ago, to `out` [K, 2, H, W]. O(N K).
 
-    The value (float32) is 1 in the tick of the event and falls by 1 / `decay` per tick, not below 0. ON comes first.
+    The value (float32) is 1 in the tick of the event and decreases by 1 / `decay` per tick, but not below 0. ON comes
+    first.
     """
     _native.latest_ticks(t, x, y, p, start, tick, now, decay, out)

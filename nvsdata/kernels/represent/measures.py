@@ -1,4 +1,4 @@
-"""Measures of each pixel's events, and sums in patches of pixels. IndexError for events outside of them."""
+"""Measures of the events of each pixel, and sums in patches of pixels. Events outside the images raise an IndexError."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ def measured(
     scratch: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Put a measure of each pixel's events from `first` to `last` into `out` float32 [H, W], 0 without events. O(N).
+    """Write a measure of the events of each pixel to `out` float32 [H, W]; 0 for pixels without events. O(N).
 
-    `wanted`: their polarity, -1 for any. `quantity`: 1, ±1 or the time from `start` as a fraction of `span`. `scratch`
-    is float64 [3, H, W].
+    Events `first` to `last` of polarity `wanted` count (-1 for both polarities). `measure` is one of SUM, MEAN, MAX and
+    VARIANCE. `quantity` is one of COUNT (1 per event), POLARITY (±1) and TIME (since `start`, as a fraction of `span`).
+    `scratch` is float64 [3, H, W].
     """
     _native.measured(t, x, y, p, start, span, first, last, wanted, quantity, measure, scratch, out)
 
@@ -36,9 +37,10 @@ def measured(
 def tokens(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, patch: int, out: np.ndarray
 ) -> None:
-    """Add events to `out` [K, 2, 2, patch², H', W']: their number, and the sum of their times from 0 to 1. O(N).
+    """Add the numbers of events, and the sums of their times from 0 to 1, to `out`. O(N).
 
-    Axes of `out`, float32: part of the time, from `bounds[part]` to `bounds[part + 1]`, polarity (OFF first), which of
-    both, place in the patch, patch.
+    `out` is float32 [K, 2, 2, patch², H', W']. Its axes are the part of the time (from event `bounds[k]` up to event
+    `bounds[k + 1]`), the polarity (OFF first), number or sum of times, the place in the patch, and row and column of
+    the patch.
     """
     _native.tokens(t, x, y, p, bounds, patch, out)

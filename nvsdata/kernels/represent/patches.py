@@ -12,8 +12,8 @@ def merged_pixels(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Merge the events of each pixel to one node, in order of their mean times.
 
-    Returns the nodes' x and y float32 [M, 2], the mean of their times rounded down int64 [M], their first and last
-    times int64 [M, 2], and how many events of polarity 1 and of polarity 0 each has, float32 [M, 2]. O(N + M log M).
+    Returns x and y of the nodes, float32 [M, 2]; their mean times, rounded down, int64 [M]; their first and last times,
+    int64 [M, 2]; and their numbers of events of polarity 1 and of polarity 0, float32 [M, 2]. O(N + M log M).
     """
     pos, time = np.empty((t.size, 2), np.float32), np.empty(t.size, np.int64)
     ends, counts = np.empty((t.size, 2), np.int64), np.empty((t.size, 2), np.float32)
@@ -22,9 +22,10 @@ def merged_pixels(
 
 
 def patch_counts(x: np.ndarray, y: np.ndarray, p: np.ndarray, pos: np.ndarray, size: int) -> np.ndarray:
-    """Return events by pixel of the patch around each node: float32 [N, 2, size, size], polarity 1 and then 0.
+    """Return the numbers of events at each pixel of the patch around each node, float32 [N, 2, size, size].
 
-    `x`, `y`, `p` are those of all events, `pos` float32 [N, 2] of the nodes; `size` is odd. O(events + N size²).
+    Polarity 1 comes before 0. `x`, `y` and `p` are those of all events, and `pos` float32 [N, 2] has the positions of
+    the nodes. `size` must be odd. O(events + N size²).
     """
     out = np.zeros((len(pos), 2, size, size), np.float32)
     _native.patch_counts(x, y, p, pos, out)
@@ -41,10 +42,11 @@ def around_events(
     count: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Put the weighted numbers of the events in the queue around each event into `out` float32 [N, bins], of sum 1.
+    """Write a histogram of the recent events around each event, with a sum of 1, to `out` float32 [N, bins].
 
-    The queue has the `queue` latest events up to the event, itself included. `dx`, `dy` int64 [M] are offsets, and
-    `weights` float32 [M, bins] what an event there adds; `count` int32 [H + 2 r, W + 2 r], r being the largest
-    offset, is scratch, 0. O(N M), and the bins that an offset reaches. IndexError for events outside the sensor.
+    The queue has the `queue` latest events up to the event, including it. `dx` and `dy` int64 [M] are offsets from the
+    event, and `weights` float32 [M, bins] the amounts that an event at this offset adds to each bin. `count` int32 [H +
+    2 r, W + 2 r], where r is the largest offset, is scratch memory and must be 0. O(N M (bins of an offset)). Events
+    outside the sensor raise an IndexError.
     """
     _native.around_events(x, y, queue, dx, dy, weights, count, out)

@@ -13,7 +13,7 @@ def nonuniform_sample(
     """Return the indices (sorted, int64) of one random event from each box of at most `k` events.
 
     The space-time box of all events is split at the median of its widest side (x and y weighted
-    by `wx`, t by `wt`; ties by index) until a box holds at most k events. `t` must not decrease.
+    by `wx`, t by `wt`; ties by index) until each box contains at most k events. `t` must not decrease.
     O(N log(N / k)).
     """
     chosen = np.zeros(t.size, np.bool_)

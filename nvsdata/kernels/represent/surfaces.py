@@ -1,6 +1,6 @@
-"""Time surfaces: how long ago pixels had their last event, as exponentials; and their averages in cells (hats.cpp).
+"""Time surfaces: exponentials of the ages of the last events of pixels, and their averages in cells (hats.cpp).
 
-IndexError for events outside of them.
+Events outside a surface raise an IndexError.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ def surfaces(
     grown: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill `out` float32 [T, 2, H, W] with exp(-(times[n] - t) / tau) of each pixel's and polarity's last event.
+    """Fill `out` float32 [T, 2, H, W] with exp(-(times[n] - t) / tau) of the last event of each pixel and polarity.
 
-    Frame n includes the events up to `bounds[n + 1]`, none later than `times[n]`. `grown` float64 [2, H, W] is scratch,
-    0. ON comes first. O(N + output).
+    Frame n includes the events up to `bounds[n + 1]` - 1, none of which is later than `times[n]`. ON comes first.
+    `grown` float64 [2, H, W] is scratch memory and must be 0. O(N + output).
     """
     _native.surfaces(t, x, y, p, times, bounds, tau, grown, out)
 
@@ -40,10 +40,10 @@ def event_surfaces(
     epochs: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill `out` float32 [N, 1, side, side] with the surface of each event's polarity around it, itself included.
+    """Fill `out` float32 [N, 1, side, side] with the time surface around each event, of its polarity and including it.
 
-    With `out` [N, 2, side, side], the surfaces of both polarities, ON first. `grown` float64 and `epochs` int64, both
-    [2, H + 2 radius, W + 2 radius], are scratch, 0. O(N side²).
+    If `out` is [N, 2, side, side], it gets the surfaces of both polarities, ON first. `grown` float64 and `epochs`
+    int64, both [2, H + 2 radius, W + 2 radius], are scratch memory and must be 0. O(N side²).
     """
     _native.event_surfaces(t, x, y, p, tau, radius, grown, epochs, out)
 
@@ -63,10 +63,11 @@ def sum_surfaces(
     out: np.ndarray,
     events: np.ndarray,
 ) -> None:
-    """Add the local memory time surfaces of each cell's events to `out` float64 [cells, 2, side, side].
+    """Add the local memory time surfaces of the events of each cell to `out` float64 [cells, 2, side, side].
 
-    `events` int64 [cells] gets the cells' numbers of events; `sums` float64, `epochs` and `members` int64, all
-    [2, H, W], are scratch, 0, like both. O(N side²), because each pixel keeps the sum of its events' exponentials (see
-    epochs.h), which enter it when time goes on and leave it after `window`. IndexError for events outside the sensor.
+    `events` int64 [cells] gets the numbers of events. `sums` float64, `epochs` int64 and `members` int64, all [2, H,
+    W], are scratch memory. These and both outputs must be 0. Each pixel has the sum of the exponentials of its events
+    (see epochs.h): an event is added when a later one arrives, and removed after `window` µs. So the cost is O(N
+    side²). Events outside the sensor raise an IndexError.
     """
     _native.sum_surfaces(t, x, y, p, min(cell, 32_768), radius, window, tau, sums, epochs, members, out, events)

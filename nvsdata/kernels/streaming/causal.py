@@ -7,18 +7,18 @@ import numpy as np
 from nvsdata.kernels import _native
 from nvsdata.kernels.streaming.network import LiveState
 
-FOREVER = 2**63 - 1  # µs
-TOGETHER = 4096  # events that are taken at once, so that rows of those that have gone are used again
+FOREVER = 2**63 - 1  # age in µs that no event exceeds
+TOGETHER = 4096  # events that are added at once, so that rows of removed events are reused
 
 
 class CausalNetwork(LiveState):
-    """Rows of a network on a causal graph: the rows of an event are computed once, when it arrives.
+    """Rows of a network on a causal graph: the rows of an event are computed once, when the event arrives.
 
     Args:
-        network: see `streaming_network`; only its last layer is pooled, by maxima.
-        age: Largest age in µs of an event's neighbors, None for any age.
-        shape: cells and channels of the pooled graph.
-        units: of its first fully connected layer.
+        network: Result of `streaming_network`, in which only the last layer is pooled, by maxima.
+        age: Largest age of neighbors in µs, or None for any age.
+        shape: Numbers of cells and channels of the pooled graph.
+        units: Number of units of the first fully connected layer.
     """
 
     def __init__(self, network: _native.StreamingNetwork, age: int | None, shape: tuple[int, int], units: int) -> None:
@@ -28,14 +28,14 @@ class CausalNetwork(LiveState):
         """Add events, and remove those before time `until`.
 
         Args:
-            until: µs.
-            t: int64 [N], from 0 on; not before events that were taken earlier.
-            x: int16 [N].
-            y: int16 [N].
-            p: uint8 [N], 0 or 1.
+            until: Time in µs.
+            t: Times in µs, int64 [N], at least 0. They must not decrease, also from earlier steps.
+            x: Columns, int16 [N].
+            y: Rows, int16 [N].
+            p: Polarities, uint8 [N], 0 or 1.
 
         Raises:
-            ValueError: events out of order or outside the sensor.
-            RuntimeError: an earlier step was interrupted.
+            ValueError: Events are out of order or outside the sensor.
+            RuntimeError: An earlier step was interrupted.
         """
         _native.causal_step(self._state, until, t, x, y, p, TOGETHER)

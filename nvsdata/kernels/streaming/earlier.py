@@ -6,7 +6,7 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-FEW = 64  # neighbors that there is room for at first
+FEW = 64  # number of neighbors for which memory is allocated at first
 
 
 def earlier_edges(
@@ -22,19 +22,19 @@ def earlier_edges(
     O(N (pixels up to the farthest neighbor) k).
 
     Args:
-        t: int64 [N], must not decrease.
-        x: int32 [N].
-        y: int32 [N].
-        sensor_size: width and height in pixels, which contain all events.
-        metric: radius, alpha and beta, see `near_sources`; alpha must be above 0.
-        k: at least 1.
+        t: Times in µs, int64 [N], which must not decrease.
+        x: Columns, int32 [N].
+        y: Rows, int32 [N].
+        sensor_size: Width and height of the sensor in pixels.
+        metric: radius, alpha and beta as in `near_sources`; alpha must be above 0.
+        k: Largest number of neighbors, at least 1.
 
     Raises:
-        ValueError: columns of different lengths, or an event outside the sensor.
+        ValueError: Columns have different lengths, or an event is outside the sensor.
     """
     most, few = min(k, max(t.size, 1)), FEW
     while True:
-        # room for the neighbors that there are, not for all that there may be
+        # memory for the actual number of neighbors, not for the largest possible one
         degree, source = np.empty(t.size, np.int32), np.empty((t.size, min(few, most)), np.int32)
         count = _native.earlier_sources(t, x, y, *sensor_size, *metric, degree, source)
         if few >= most or degree.max() < few:

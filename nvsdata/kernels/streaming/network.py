@@ -11,13 +11,15 @@ from nvsdata.kernels import _native
 
 
 class Layer(NamedTuple):
-    """A convolution with folded normalization, and how its rows are pooled.
+    """A convolution with folded normalization, and the pooling of its rows (the features of its nodes).
 
-    - `weight` float32 [kernels + 1, in, out]: of the kernel's cells, then of the node itself; `bias` float32 [out]
-    - `size`: cells of the kernel along an axis; `loops`: a node is its own neighbor; `own`: it adds its own features
-    - `reach`: differences that end an axis; `signed`: of the pseudo-coordinates
-    - `cluster`: width and height in pixels of the cells that rows are pooled into, None for no pooling; by their
-      maximum or their `average`
+    - `weight` float32 [kernels + 1, in, out]: weights of the cells of the kernel, then of the node itself
+    - `bias` float32 [out]
+    - `size`: number of cells of the kernel along an axis
+    - `loops`: whether a node is its own neighbor; `own`: whether a node adds its own features
+    - `reach`: normalization ranges of the pseudo-coordinates; `signed`: whether these are signed
+    - `cluster`: width and height in pixels of the pooled cells, or None for no pooling; `average`: whether rows are
+      pooled by their mean instead of their maximum
     """
 
     weight: np.ndarray
@@ -38,14 +40,15 @@ def streaming_network(
     layers: Sequence[Layer],
     hidden: np.ndarray,
 ) -> _native.StreamingNetwork:
-    """Return copies of weights, which all states share.
+    """Return a network of the extension with copies of the weights, which all states share.
 
     Args:
-        sensor_size: width and height in pixels.
-        metric: radius, alpha and beta, see `near_sources`; alpha must be above 0.
-        k: most neighbors of an event.
-        layers: one at least is pooled.
-        hidden: of the first fully connected layer, float32 [cells * channels, units]; without columns if there is none.
+        sensor_size: Width and height of the sensor in pixels.
+        metric: radius, alpha and beta as in `near_sources`; alpha must be above 0.
+        k: Largest number of neighbors of an event.
+        layers: The convolutions, at least one of which is pooled.
+        hidden: Weights of the first fully connected layer, float32 [cells * channels, units]; without columns if there
+            is no such layer.
     """
     made = _native.streaming_network(*sensor_size, *metric, k)
     for layer in layers:
@@ -58,14 +61,15 @@ def streaming_network(
 
 
 class LiveState:
-    """State of incremental inference: the rows of a network's layers for the events in the window.
+    """State of incremental inference: the rows of each layer of a network for the events in the window.
 
-    Its arrays belong to the extension, because they contain indexes into each other, which nothing else may change.
+    The arrays of the state belong to the extension, because they contain indexes into each other that no other code may
+    change.
 
     Args:
-        state: of the extension, a `SlidingNetwork` or a `CausalNetwork`.
-        shape: cells and channels of its last pooled graph.
-        units: of its first fully connected layer.
+        state: `SlidingNetwork` or `CausalNetwork` of the extension.
+        shape: Numbers of cells and channels of the last pooled graph.
+        units: Number of units of the first fully connected layer.
     """
 
     def __init__(self, state: Any, shape: tuple[int, int], units: int) -> None:
@@ -77,19 +81,19 @@ class LiveState:
 
     @property
     def hidden(self) -> np.ndarray:
-        """Sums of the first fully connected layer, without its bias: float64 [units]."""
+        """Sums of the first fully connected layer, without its bias, float64 [units]."""
         found = np.empty(self._units)
         _native.live_hidden(self._state, found)
         return found
 
     @property
     def shown(self) -> np.ndarray:
-        """Features of the last graph's cells, float32 [cells, channels]."""
+        """Features of the cells of the last pooled graph, float32 [cells, channels]."""
         found = np.empty(self._shape, np.float32)
         _native.live_shown(self._state, found)
         return found
 
     @property
     def products(self) -> int:
-        """Multiplications so far."""
+        """Number of multiplications so far."""
         return int(_native.live_products(self._state))

@@ -9,12 +9,12 @@ from nvsdata.kernels.streaming.network import LiveState
 
 
 class SlidingNetwork(LiveState):
-    """A network's rows for the events in a sliding window: only rows that change are computed.
+    """Rows of a network for the events in a sliding window: only rows that change are computed.
 
     Args:
-        network: see `streaming_network`; its first layer is pooled.
-        shape: cells and channels of its last pooled graph.
-        units: of its first fully connected layer.
+        network: Result of `streaming_network`, in which the first layer is pooled.
+        shape: Numbers of cells and channels of the last pooled graph.
+        units: Number of units of the first fully connected layer.
     """
 
     def __init__(self, network: _native.StreamingNetwork, shape: tuple[int, int], units: int) -> None:
@@ -24,24 +24,24 @@ class SlidingNetwork(LiveState):
         """Remove events before time `until`, and append others.
 
         Args:
-            until: µs.
-            t: int64 [N], from 0 on; not before events that were appended earlier.
-            x: int16 [N].
-            y: int16 [N].
-            p: uint8 [N], 0 or 1.
+            until: Time in µs.
+            t: Times in µs, int64 [N], at least 0. They must not decrease, also from earlier steps.
+            x: Columns, int16 [N].
+            y: Rows, int16 [N].
+            p: Polarities, uint8 [N], 0 or 1.
 
         Raises:
-            ValueError: events out of order or outside the sensor.
-            RuntimeError: an earlier step was interrupted.
+            ValueError: Events are out of order or outside the sensor.
+            RuntimeError: An earlier step was interrupted.
         """
         _native.sliding_step(self._state, until, t, x, y, p)
 
     def count_before(self, until: int) -> int:
-        """Return the number of events before time `until`."""
+        """Return the number of events in the window before time `until` (µs)."""
         return int(_native.sliding_count_before(self._state, until))
 
     def events(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return t, x, y and p of the events."""
+        """Return t, x, y and p of the events in the window."""
         n = len(self)
         found = np.empty(n, np.int64), np.empty(n, np.int16), np.empty(n, np.int16), np.empty(n, np.uint8)
         _native.sliding_events(self._state, *found)
