@@ -1,4 +1,4 @@
-"""Measures of the events of each pixel, and sums in patches of pixels. Events outside the images raise an IndexError."""
+"""Measures of the events of each pixel, and sums in patches. Events outside the images raise an IndexError."""
 
 from __future__ import annotations
 

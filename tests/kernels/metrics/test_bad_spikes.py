@@ -21,7 +21,7 @@ def test_spikes_of_other_sizes():
     with pytest.raises(ValueError, match="differ"):
         nearest_spikes(ONE, ONE, ONE, ONE, ONE[:0], ONE, (20, 20), 1.0, np.inf)
     for shape in ((-1, 20), (20, 2**31)):
-        with pytest.raises(ValueError, match="no frame"):
+        with pytest.raises(ValueError, match="a frame can't have the size"):
             nearest_spikes(*[ONE] * 6, shape, 1.0, np.inf)
     with pytest.raises(ValueError, match="differ"):
         cancel(ONE, ONE, ONE, np.ones(2, np.int64))
