@@ -37,7 +37,7 @@ def seen(times, bright, seed=0, video=(0, 0), noise=20_000, delay=(800, 1_500), 
     return Events(t[order].astype(np.int64), rng.integers(0, 240, n), rng.integers(0, 180, n), p[order], (240, 180))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_drift_and_offset_with_late_flashes_noise_and_a_video_between(seed):
     rng = np.random.default_rng(seed)
     drift, offset = rng.uniform(-100e-6, 100e-6), rng.uniform(1e6, 4e6)
