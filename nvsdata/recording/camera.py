@@ -1,4 +1,4 @@
-"""Protocol of a camera: `record` takes any object that has these members."""
+"""Protocol of a camera: `record` accepts any object that has these members."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nvsdata.data.samples import Piece
 
 
 class CameraError(OSError):
-    """Reason why a camera can't record, in one line with the cure."""
+    """Error of a camera; the message is one line with the reason and a remedy."""
 
 
 class Unplugged(CameraError):
@@ -45,8 +45,8 @@ class StreamDecoder(Protocol):
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
         """Return the contents of blocks of the stream, and the times (µs, int64) of pulses at the external input.
 
-        Times count from the last reset of the camera's clock. What came before it is left out, and so is what comes
-        from `last` (µs) on, unless that is None.
+        Times count from the last reset of the camera's clock. Data before this reset are left out, and so are data from
+        time `last` (µs) on, unless `last` is None.
         """
 
 
@@ -54,14 +54,14 @@ class StreamDecoder(Protocol):
 class Camera(Protocol):
     """A camera that is connected.
 
-    The order of calls is `configure`, `start`, `reset_time`, `stop`, as often as wanted. Between `start` and `stop` a
-    thread calls `read`, and `end_reading` when it is done. Methods raise CameraError, or Unplugged if the camera is
-    gone.
+    The order of calls is `configure`, `start`, `reset_time`, `stop`, any number of times. Between `start` and `stop` a
+    thread calls `read`, and at last `end_reading`. Methods raise CameraError, or Unplugged if the camera was
+    disconnected.
     """
 
     # bytes of a word of the stream: an incomplete word at the end of a block is dropped and counted
     unit: int
-    # s without a byte after which the camera counts as stalled; None if it may have nothing to send
+    # s without a byte after which the camera counts as stalled; None for a camera that may send nothing for any time
     silence: float | None
 
     @property
@@ -69,7 +69,11 @@ class Camera(Protocol):
         """The description of the camera."""
 
     def configure(self, settings: Any = None) -> None:
-        """Set biases, region and so on; None for its defaults. ValueError for settings that it doesn't have."""
+        """Set biases, region and so on; None sets the defaults.
+
+        Raises:
+            ValueError: The camera doesn't have these settings.
+        """
 
     def start(self) -> None:
         """Start the stream."""
@@ -90,15 +94,15 @@ class Camera(Protocol):
         """Return the number of events that the camera dropped since power-on; None if it doesn't count them."""
 
     def decoder(self) -> StreamDecoder:
-        """Return a new decoder of its stream, whose times never decrease."""
+        """Return a new decoder of the camera's stream; its times never decrease."""
 
     def about(self) -> dict[str, Any]:
         """Return facts about the camera for recordings, as in `Recording.about`."""
 
     def journal_head(self, decoder: Any, last: int | None, about: Mapping[str, Any]) -> bytes | None:
-        """Return the first bytes of a journal: a file of the stream that `nvsdata.open` reads.
+        """Return the first bytes of a journal, a file of the stream that `nvsdata.open` reads.
 
-        None if there is no such format: a recording is then lost if the process is killed.
+        Return None if there is no such format. Then a recording is lost if the process is killed.
         """
 
     def close(self) -> None:
@@ -107,7 +111,7 @@ class Camera(Protocol):
 
 def check_camera(camera: object) -> None:
     """Raise TypeError for an object without all members of a camera."""
-    # not isinstance: since Python 3.12 it ignores members from __getattr__, which a camera that wraps another may have
+    # not by isinstance, which ignores members from __getattr__ since Python 3.12: a wrapper of a camera may have some
     members = [name for name in (*Camera.__annotations__, *vars(Camera)) if not name.startswith("_")]
     if missing := ", ".join(name for name in members if not hasattr(camera, name)):
         what = f"{type(camera).__name__} is not a camera: it misses {missing}"

@@ -27,10 +27,10 @@ from nvsdata.recording.camera import Camera, CameraError, StreamDecoder, check_c
 from nvsdata.recording.journal import StreamJournal, check_finished, left_over_message
 from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, CameraReader
 
-# s until the reset of the clock must be in the stream, and the number of times that it is requested
+# s within which the reset of the clock must be in the stream, and the number of times that it is requested
 RESET_WAIT, RESETS = 1.0, 2
 NO_RESET = "the camera doesn't mark the reset of its clock: plug it in again"
-RESERVE = 64 << 20  # bytes of disk that are left free, as room for the events that the writer still has
+RESERVE = 64 << 20  # bytes of the disk that stay free, for events that are still to be written
 # s for which a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer overflows
 SWITCH = 2e-4
 
@@ -82,7 +82,7 @@ class RecordingReport:
 
     @property
     def whole(self) -> bool:
-        """True if nothing was lost on the way."""
+        """True if no data were lost, and the recording ended after its time or by a stop."""
         faulty = self.lost or self.dropped or self.error_counts.get("usb_errors")
         return not faulty and self.failure is None
 
@@ -105,22 +105,28 @@ def record(
 
     Times count from the reset of the camera's clock at the start. The recording also ends when the camera is
     unplugged or sends nothing for 5 s, and when the disk has less than 64 MB left. The file then has all events up to
-    that moment, and `RecordingReport.ended` is the reason. The file appears when it is complete.
-
-    Raises CameraError if the camera can't be configured or started, or doesn't mark the reset of its clock, TypeError
-    for an object that isn't a camera, ValueError for frames in a format that holds none, OSError if the disk has less
-    than 64 MB left, FileExistsError if there is a journal of that file already, and `Unfinished` if the file can't be
-    written.
+    that moment, and `RecordingReport.ended` is the reason. The file appears only when it is complete.
 
     Args:
-        camera: Anything that has the members of `camera.Camera`.
+        camera: Any object that has the members of `camera.Camera`.
         path: The file; with None, events are only passed to `watch`.
-        settings: What the camera's `configure` takes (default: the camera's).
-        seconds: How long to record (default: until stopped).
-        stop: Ends the recording when it is set (default: none).
+        settings: Settings that the camera's `configure` takes (default: the camera's defaults).
+        seconds: Duration of the recording in s (default: until stopped).
+        stop: Event that ends the recording when it is set (default: none).
         watch: Called with the report so far and the events of each block, from another thread.
         journaled: Copy the stream to FILE.davis, which `nvsdata.open` reads, until the file is complete. The copy
             stays if the file can't be written (default True).
+
+    Returns:
+        The report of the recording.
+
+    Raises:
+        CameraError: The camera can't be configured or started, or doesn't mark the reset of its clock.
+        TypeError: The object isn't a camera.
+        ValueError: The settings request frames, and the format can't store them.
+        OSError: The disk has less than 64 MB left.
+        FileExistsError: There is a journal of that file already.
+        Unfinished: The file can't be written.
     """
     check_camera(camera)
     report = RecordingReport(None if path is None else Path(path))
@@ -181,13 +187,14 @@ def check_room(path: Path) -> None:
 
 
 def check_format(path: Path, settings: Any) -> bool:
-    """Return True if a file with this extension can contain inertial samples.
+    """Return True if a file with this extension can store inertial samples.
 
-    ValueError if nvsdata doesn't write such files, or if the settings request frames and the format has none.
+    Raises:
+        ValueError: nvsdata doesn't write such files, or the settings request frames and the format can't store them.
     """
     holds = formats.writer_of(path).holds_samples
     if getattr(settings, "frames", False) and not holds:
-        raise ValueError(f"{path.suffix} files hold no frames: record to .h5, .aedat or .aedat4, or without frames")
+        raise ValueError(f"{path.suffix} files can't store frames: record to .h5, .aedat or .aedat4, or without frames")
     return holds
 
 
@@ -196,7 +203,7 @@ def stopped_by_interrupt() -> Iterator[Event]:
     """Yield an event that Ctrl-C, SIGTERM and SIGHUP set; a second signal raises KeyboardInterrupt or `Ended`."""
     stop = Event()
 
-    def asked(number: int, frame: Any) -> None:
+    def on_signal(number: int, frame: Any) -> None:
         if stop.is_set():
             raise KeyboardInterrupt if number == signal.SIGINT else Ended(number)
         stop.set()
@@ -205,7 +212,7 @@ def stopped_by_interrupt() -> Iterator[Event]:
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
     mine = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     for number in mine:
-        signal.signal(number, asked)
+        signal.signal(number, on_signal)
     try:
         yield stop
     finally:
@@ -215,7 +222,7 @@ def stopped_by_interrupt() -> Iterator[Event]:
 
 @contextmanager
 def switching_fast() -> Iterator[None]:
-    """Let threads pass on Python's lock quickly while the block runs."""
+    """Reduce the time for which a thread may keep Python's lock, while the block runs."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH)
     try:
@@ -225,17 +232,21 @@ def switching_fast() -> Iterator[None]:
 
 
 def _blocks(camera: Camera, decoder: StreamDecoder, reader: CameraReader, report: RecordingReport) -> Iterator[bytes]:
-    """Yield the blocks that were read; request the clock's reset again if missing. CameraError if it never comes."""
-    asked, times = time.monotonic(), 1
+    """Yield the blocks that were read; if the reset of the clock isn't among them, request it again.
+
+    Raises:
+        CameraError: The reset is still missing after that.
+    """
+    requested, times = time.monotonic(), 1
     while block := reader.take():
         yield block
-        if getattr(decoder, "begun", True) or time.monotonic() - asked < RESET_WAIT:
+        if getattr(decoder, "begun", True) or time.monotonic() - requested < RESET_WAIT:
             continue
         if times == RESETS:
             raise CameraError(NO_RESET)
         camera.reset_time()
-        reader.delay(time.monotonic() - asked)
-        report.zero, asked, times = host_time(), time.monotonic(), times + 1
+        reader.delay(time.monotonic() - requested)
+        report.zero, requested, times = host_time(), time.monotonic(), times + 1
     if reader.received and not getattr(decoder, "begun", True):
         raise CameraError(NO_RESET)
 

@@ -1,4 +1,4 @@
-"""Diagnostics: requirements of a recording (libusb, permission, firmware, display, disk), and which are missing."""
+"""Diagnostics: a check of the requirements of a recording (libusb, permission, firmware, display, disk)."""
 
 from __future__ import annotations
 
@@ -18,17 +18,21 @@ from nvsdata.recording.davis.driver import BOARDS, UDEV, VENDOR, Davis, devices
 LIBUSB = {
     "linux": "install libusb-1.0 (Debian and Ubuntu: apt install libusb-1.0-0; Fedora: dnf install libusb1)",
     "darwin": "brew install libusb",
-    "win32": "put libusb-1.0.dll into a folder of PATH (pip install libusb-package brings one)",
+    "win32": "put libusb-1.0.dll into a folder of PATH (pip install libusb-package installs one)",
 }
-ZADIG = "on Windows, run Zadig, choose the camera, and give it the driver WinUSB"
-USUAL = 1e9  # bytes of disk that a minute may take
+ZADIG = "on Windows, run Zadig, choose the camera, and install the driver WinUSB for it"
+USUAL = 1e9  # bytes of the disk that a minute of recording may take
 PYGAME = "--live, --monitor and --calibrate need it: pip install 'nvsdata[monitor]'"
 
 
 class Finding(NamedTuple):
-    """A checked requirement, the finding, and the cure (None if none is needed).
+    """Result of the check of one requirement.
 
-    The requested recording is possible without a requirement that isn't `needed`.
+    Args:
+        what: Name of the requirement.
+        found: Result of the check.
+        cure: Remedy, None if the requirement is met.
+        needed: False if the requested recording is possible without this requirement.
     """
 
     what: str
@@ -46,8 +50,8 @@ def examine(backend: Any = None, *, screen: bool = False, folder: Path | None = 
     """Check all requirements of a recording.
 
     Args:
-        backend: pyusb's (default: the one that pyusb finds).
-        screen: Show windows or videos, whose requirements are otherwise optional (default False).
+        backend: Backend of pyusb (default: the one that pyusb finds).
+        screen: The recording shows windows or videos; their requirements are otherwise optional (default False).
         folder: Folder of the recording (default: the current folder).
     """
     try:
@@ -64,7 +68,7 @@ def examine(backend: Any = None, *, screen: bool = False, folder: Path | None = 
     wanted = (folder or Path()).absolute()
     place = next(path for path in (wanted, *wanted.parents) if path.exists())
     free = shutil.disk_usage(place).free
-    cure = "a minute may take 1 GB: free some of it, or record to another disk"
+    cure = "a minute of recording may take 1 GB: free disk space, or record to another disk"
     yield Finding("disk", f"{free / 1e9:,.1f} GB are free in {place}", None if free > USUAL else cure, free < RESERVE)
 
 
@@ -78,12 +82,12 @@ def _cameras(connected: list[Any]) -> Iterator[Finding]:
         rules = [path for path in _rules() if _names_it(path)]
         cure = f"put this line into /etc/udev/rules.d/65-davis.rules: {UDEV}"
         needed = not rules and any(one.cure for one in opened)
-        yield Finding("udev rule", ", ".join(map(str, rules)) or "none names the camera", cure if needed else None)
+        yield Finding("udev rule", ", ".join(map(str, rules)) or "no rule names the camera", cure if needed else None)
     yield from opened
 
 
 def _opened(device: Any) -> Finding:
-    """Open a camera briefly, and return the finding."""
+    """Open and close a camera, and return the finding."""
     try:
         with Davis(device) as camera:
             facts, firmware = camera.facts, device.bcdDevice & 0xFF

@@ -17,15 +17,17 @@ SETTLED = 1.0  # s after which written data is flushed to the disk
 
 
 def journal_of(path: Path) -> Path:
-    """Path of a recording's journal, next to the recording."""
+    """Return the path of a recording's journal, next to the recording."""
     return path.with_name(path.name + SUFFIX)
 
 
 class StreamJournal:
-    """The journal of a recording: `head`, which describes how to decode the stream, and then the stream.
+    """Journal of a recording: `head`, which describes how to decode the stream, and then the stream.
 
-    What `write` has taken stays if the process is killed. FileExistsError if there is a journal already: it belongs to
-    a recording that wasn't finished.
+    Blocks that were passed to `write` stay on the disk if the process is killed.
+
+    Raises:
+        FileExistsError: There is a journal already, which belongs to a recording that wasn't finished.
     """
 
     def __init__(self, path: Path, head: bytes) -> None:
@@ -42,7 +44,7 @@ class StreamJournal:
             raise
 
     def write(self, block: bytes) -> None:
-        """Append a block of the stream. OSError if the disk doesn't take all of it."""
+        """Append a block of the stream; raise OSError if it can't be written completely."""
         self.size += len(block)
         self._put(block)
         now = time.monotonic()
@@ -56,12 +58,12 @@ class StreamJournal:
             write_all(self._handle, data)
 
     def remove(self) -> None:
-        """Delete the journal, because the recording itself is whole."""
+        """Delete the journal, because the recording itself is complete."""
         self.size = 0
         self.close()
 
     def close(self) -> None:
-        """Close the file; a second call does nothing. A journal without any of the stream is deleted."""
+        """Close the file; a second call does nothing. A journal without a block of the stream is deleted."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -70,13 +72,13 @@ class StreamJournal:
 
 
 def left_over_message(journal: Path) -> str:
-    """Return a message about a journal that was left behind, with the command that finishes it."""
+    """Return a message about the journal of an unfinished recording, with the command that finishes the recording."""
     command = shlex.join(("nvsdata", "convert", str(journal), str(journal.with_suffix(""))))
     return f"{shown(journal)} is a recording that wasn't finished: `{shown(command)}` finishes it"
 
 
 def check_finished(path: Path) -> None:
-    """FileExistsError if an earlier recording to this file wasn't finished: its journal is there."""
+    """Raise FileExistsError if an earlier recording to this file wasn't finished, so that its journal exists."""
     if (journal := journal_of(path)).exists():
         raise FileExistsError(left_over_message(journal))
 

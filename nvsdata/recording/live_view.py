@@ -19,14 +19,17 @@ ZOOM = 3
 
 
 class DisplayError(OSError):
-    """Reason why a display can't show anything, in one line."""
+    """Error of a display; the message is one line with the reason."""
 
 
 class LiveView:
     """Window with the events of the last 33 ms, their rate and sharpness; use it in a `with` block.
 
-    `add` may be called from any thread; `draw` from the main thread only, often. `closed` is True after the
-    window was closed. `DisplayError` if there is no display.
+    `add` may be called from any thread. `draw` must be called often, from the main thread only. `closed` is True after
+    the user has closed the window.
+
+    Raises:
+        DisplayError: There is no display.
     """
 
     def __init__(self, sensor_size: tuple[int, int]) -> None:
@@ -60,12 +63,12 @@ class LiveView:
         with self._lock:
             events = self._events
         self._window.title = f"{len(events) * 1e3 / SPAN:,.0f} k events/s, sharpness {sharpness(events):.2f}"
-        picture = np.ascontiguousarray(event_image(events, ZOOM)[..., ::-1])
-        self._surface.blit(self._pygame.image.frombuffer(picture, picture.shape[1::-1], "RGB"), (0, 0))
+        image = np.ascontiguousarray(event_image(events, ZOOM)[..., ::-1])
+        self._surface.blit(self._pygame.image.frombuffer(image, image.shape[1::-1], "RGB"), (0, 0))
         self._window.flip()
 
     def attend(self) -> None:
-        """Handle window and keyboard, where no `Monitor` does: Escape or closing the window sets `closed`."""
+        """Handle window and keyboard if no `Monitor` does that; Escape, or closing the window, sets `closed`."""
         for event in self._pygame.event.get():
             escape = event.type == self._pygame.KEYDOWN and event.key == self._pygame.K_ESCAPE
             self.closed |= escape or event.type in (self._pygame.QUIT, self._pygame.WINDOWCLOSE)
@@ -82,16 +85,16 @@ class LiveView:
 
 
 def sharpness(events: Events) -> float:
-    """Return the sharpness of an image of events: the energy of its Laplacian over its own energy; lower if blurred."""
+    """Return the energy of an event image's Laplacian divided by that of the image; blur makes this sharpness lower."""
     width, height = events.sensor_size
     signed = np.bincount(events.y * np.intp(width) + events.x, events.p * 2.0 - 1, width * height)
-    picture = cv2.GaussianBlur(signed.reshape(height, width).astype(np.float64), (0, 0), 1)
-    energy = float((picture**2).mean())
-    return float((cv2.Laplacian(picture, cv2.CV_64F) ** 2).mean()) / energy if energy else 0.0
+    image = cv2.GaussianBlur(signed.reshape(height, width).astype(np.float64), (0, 0), 1)
+    energy = float((image**2).mean())
+    return float((cv2.Laplacian(image, cv2.CV_64F) ** 2).mean()) / energy if energy else 0.0
 
 
 def pygame_or_error() -> Any:
-    """Return the module pygame. ImportError, with the command that installs it, if it is missing."""
+    """Return the module pygame; if it is missing, raise ImportError with the command that installs it."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     # a click into the other window must not minimize the one that shows videos
     os.environ.setdefault("SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS", "0")

@@ -13,7 +13,7 @@ from nvsdata.recording.capture import RecordingReport
 
 
 class OnlineModel(Protocol):
-    """Protocol of a classifier that gets events and returns a line per decision, such as `models.OnlineClassifier`."""
+    """Protocol of a classifier that takes events and returns decisions, such as `models.OnlineClassifier`."""
 
     stream: Any
 
@@ -22,18 +22,18 @@ class OnlineModel(Protocol):
 
 
 class OnlineInference(Thread):
-    """Thread that classifies a camera's events as they arrive, and never makes the recording wait.
+    """Thread that classifies a camera's events as they arrive, and never delays the recording.
 
-    Use it in a `with` block; `add` is for `record`'s `watch`. `error` is that error, None if there was none. On a
-    causal graph, events that were missed would have been neighbors of the oldest ones in the window.
+    Use it in a `with` block, and pass `add` to `record` as `watch`. `error` is the error that ended the decisions, None
+    if there was none. If the thread is late by more than the classifier's window, it skips events and resumes with the
+    newest window. With a causal graph, skipped events are then missing as neighbors of the oldest events in the window.
 
     Args:
-        decider: Fed all events, but for those that no decision would see: if it is late by more than its window, it
-            goes on with the newest window.
-        tell: Called with each decision, which also has `behind` (µs since its last event), `skipped` (blocks of the
-            camera without a decision of their own since the last one) and `missed` (events that weren't fed since
-            then).
-        ended: Called with the error that ended the decisions early; the recording goes on then.
+        decider: Classifier that is fed the events.
+        tell: Called with each decision, to which three fields are added: `behind` (µs since the last event), `skipped`
+            (number of the camera's blocks since the previous decision that had no decision of their own) and `missed`
+            (number of events since then that weren't fed).
+        ended: Called with the error that ended the decisions; the recording continues.
     """
 
     def __init__(
@@ -73,12 +73,12 @@ class OnlineInference(Thread):
                 late = max(round(host_time() - self._zero - last), 0)
                 missed, self._reported = self._missed - self._reported, self._missed
                 self._tell(line | {"behind": late, "skipped": len(blocks) - 1, "missed": missed})
-        except Exception as error:  # the recording doesn't end because a network fails
+        except Exception as error:  # a failure of the network must not end the recording
             self.error = error
             self._ended(error)
 
     def _take(self) -> list[Events]:
-        """Return all waiting blocks, at least one; none at the end."""
+        """Return all waiting blocks, at least one, or an empty list at the end."""
         with self._change:
             self._change.wait_for(lambda: bool(self._waiting) or self._over)
             blocks = list(self._waiting)

@@ -1,4 +1,4 @@
-"""Threads between a camera and its decoder: one only reads, the other writes what was read to a journal."""
+"""Threads between a camera and its decoder: one only reads the stream, the other writes it to a journal."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from threading import Event, Thread
 from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.journal import StreamJournal
 
-ROOM = 64 << 20  # bytes that may wait to be kept and decoded
-PIECE = 1 << 20  # bytes that are passed on at once, if that many wait
+ROOM = 64 << 20  # bytes that may wait to be written and decoded
+PIECE = 1 << 20  # bytes of a block that is passed on, if that many wait
 GATHER = 0.03  # s to wait for more, if few bytes wait
-SILENT_END = 1.0  # s without anything at the end: a camera that sends words of its clock has stopped before
+SILENT_END = 1.0  # s without a byte at the end, after which a camera that sends words of its clock counts as stalled
 TAIL = 0.3  # s to wait for bytes in transit when the time is up
 MOST_TAIL = 5.0  # s for which reading continues after the camera was stopped: a busy computer reads slowly
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
@@ -23,13 +23,13 @@ class Waiting:
 
     def __init__(self) -> None:
         self._blocks: SimpleQueue[bytes] = SimpleQueue()
-        # each is written by one thread only, so neither needs a lock
+        # each counter is written by one thread only, so neither needs a lock
         self._put = self._taken = 0
         self._ended = False
 
     @property
     def size(self) -> int:
-        """Bytes that wait."""
+        """Number of waiting bytes."""
         return self._put - self._taken
 
     def put(self, block: bytes) -> None:
@@ -43,9 +43,9 @@ class Waiting:
         self._blocks.put(b"")
 
     def take(self) -> bytes:
-        """Return the waiting blocks joined, until they have `PIECE` bytes or more; empty bytes at the end."""
+        """Return waiting blocks, joined until they have `PIECE` bytes or more; empty bytes at the end."""
         if self.size < PIECE // 4 and not self._ended:
-            # many small blocks together cost less than one by one
+            # many small blocks cost less together than one by one
             time.sleep(GATHER)
         taken = [self._blocks.get()]
         size = len(taken[0])
@@ -54,7 +54,7 @@ class Waiting:
             size += len(taken[-1])
         self._taken += size
         if not taken[-1]:
-            # the end stays for the next call
+            # the last block stays in the queue for the next call
             self._blocks.put(b"")
         return taken[0] if len(taken) == 1 else b"".join(taken)
 
@@ -86,7 +86,7 @@ class CameraReader(Thread):
             self.seconds += seconds
 
     def keep(self, journal: StreamJournal | None) -> None:
-        """Start to pass on what is read, after it was written to the journal if there is one."""
+        """Start to pass on the bytes that are read; if there is a journal, they are written to it first."""
         if journal is None:
             self._kept = self._read_out
         else:
@@ -116,7 +116,7 @@ class CameraReader(Thread):
             self._read_tail()
         except CameraError as error:
             self.ended, self.gone = str(error), True
-        except Exception as error:  # somebody else's camera may raise anything
+        except Exception as error:  # a camera class of a user may raise any exception
             self.ended, self.gone = f"the camera failed ({type(error).__name__}: {error})", True
         finally:
             # the thread that takes blocks waits for this, whatever the camera does
@@ -156,7 +156,7 @@ class CameraReader(Thread):
             return
         self.received += len(block)
         if left_over := len(block) % self.camera.unit:
-            # a part of a word would shift all words after it
+            # an incomplete word would shift all words after it
             self.odd_bytes += 1
             block = block[:-left_over]
         waiting = self._read_out.size + (self._kept.size if self._kept is not self._read_out else 0)

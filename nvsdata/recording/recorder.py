@@ -15,7 +15,7 @@ from nvsdata.recording.capture import RecordingReport, record
 class Recorder(Thread):
     """Thread that runs `record`, while the main thread draws; see `record` for the parameters.
 
-    `begun` is set when the first block of the stream has come, `over` when the recording has ended.
+    `begun` is set when the first block of the stream has been decoded, `ended` when the recording has ended.
     """
 
     def __init__(
@@ -32,13 +32,15 @@ class Recorder(Thread):
         self.camera, self.path, self.settings = camera, path, settings
         self.report = RecordingReport(path)
         self.begun, self.ended = Event(), Event()
-        self._watch, self._asked = watch, Event()
+        self._watch, self._stop_now = watch, Event()
         self._how: dict[str, Any] = {"seconds": seconds, "journaled": journaled}
         self._error: BaseException | None = None
 
     def run(self) -> None:
         try:
-            self.report = record(self.camera, self.path, self.settings, stop=self._asked, watch=self._seen, **self._how)
+            self.report = record(
+                self.camera, self.path, self.settings, stop=self._stop_now, watch=self._seen, **self._how
+            )
         except BaseException as error:
             self._error = error
         finally:
@@ -55,8 +57,8 @@ class Recorder(Thread):
             raise error
 
     def finish(self) -> RecordingReport:
-        """End the recording, and wait until its file is complete; raises the error of `record`."""
-        self._asked.set()
+        """End the recording, and wait until its file is complete; raise the error of `record`, if there is one."""
+        self._stop_now.set()
         self.join()
         if self._error is not None:
             raise self._error

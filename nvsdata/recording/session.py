@@ -1,4 +1,4 @@
-"""The mode of `nvsdata record` for one recording, and its diagnostics."""
+"""The `nvsdata record` command for one recording, and for diagnostics."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class CameraChoice:
     """The camera that a command records with.
 
     Args:
-        settings: Its settings.
-        serial: Its serial number; None: the only camera that is connected.
+        settings: Settings of the camera.
+        serial: Serial number of the camera; None for the only camera that is connected.
         simulate: Record a simulated camera in place of a real one.
         note: Remark that is stored with each recording.
     """
@@ -48,7 +48,7 @@ class CameraChoice:
     note: str | None = None
 
     def find(self, backend: Any) -> Davis:
-        """Open the camera on a backend of `Simulation`, or on pyusb's for None."""
+        """Open the camera through a backend of `Simulation`, or through pyusb's backend if `backend` is None."""
         camera = Davis.find(self.serial, backend=backend)
         camera.note = self.note
         return camera
@@ -66,23 +66,25 @@ def run_recording(
 ) -> int:
     """Record a camera and print a summary; return 0 if nothing was lost and all decisions were made, else 1.
 
-    FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it, ValueError
-    if the camera is larger than the network is for.
-
     Args:
-        out: The file; may be None with `live`.
-        seconds: How long to record; None: until Ctrl-C, SIGTERM or SIGHUP.
+        out: The file; None if events are only shown or classified.
+        seconds: Duration of the recording in s; None: until Ctrl-C, SIGTERM or SIGHUP.
         chosen: The camera.
         live: Show events in a window; closing it ends the recording.
-        overwrite: Replace `out` if it is there.
+        overwrite: Replace `out` if it exists.
+        decider: Classifier of the events; each decision is printed as a line of JSON, and the summary goes to stderr.
         as_json: Print the report as a line of JSON.
-        decider: Of a network that follows the events; a line of JSON per decision is printed, and the report to stderr.
+
+    Raises:
+        FileExistsError: `out` exists, and `overwrite` is false.
+        OutputInUse: Another process records to `out`.
+        ValueError: The camera has more pixels than the network takes, or the network classifies entire recordings.
     """
     backend, settings = chosen.simulate and chosen.simulate.alone(), chosen.settings
     if decider is not None:
         if decider.stream.window is None:
             raise ValueError(
-                "the network was trained on whole recordings, but a camera has no end: train it on windows"
+                "the network was trained on whole recordings, but a camera's stream has no end: train it on windows"
             )
         remark("preparing the network")
         decider.prepare()
@@ -96,15 +98,15 @@ def run_recording(
             _check_size((facts.width, facts.height), decider.sensor_size)
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
         remark(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
-        deciding = None if decider is None else _deciding(decider, stop, alone=out is None and not live)
+        inference = None if decider is None else _inference(decider, stop, alone=out is None and not live)
         with (
-            deciding or nullcontext(),
+            inference or nullcontext(),
             progress(total=seconds, unit="s", bar_format="{desc}{bar:20}{r_bar}") as bar,
         ):
 
             def watch(report: RecordingReport, events: Events) -> None:
-                if deciding is not None:
-                    deciding.add(report, events)
+                if inference is not None:
+                    inference.add(report, events)
                 rate = report.events / report.seconds if report.seconds else 0
                 bar.set_description_str(f"{report.events:,} events, {rate / 1e3:,.0f} k/s, ", refresh=False)
                 bar.update(min(report.seconds, seconds or report.seconds) - bar.n)
@@ -114,17 +116,17 @@ def run_recording(
             else:
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
             bar.close()
-            # before the last decisions are printed, because their reader may have left
+            # printed before the last decisions, because the program that reads those may have ended
             if as_json and decider is None:
                 figures = {k: v for k, v in asdict(report).items() if k != "triggers"}
                 tell("", figures | {"whole": report.whole, "triggers": len(report.triggers)}, as_json=True)
             else:
                 say(summary(report), sys.stderr if decider else sys.stdout)
-    return 0 if report.whole and (deciding is None or deciding.error is None) else 1
+    return 0 if report.whole and (inference is None or inference.error is None) else 1
 
 
-def _deciding(decider: OnlineClassifier, stop: Event, *, alone: bool) -> OnlineInference:
-    """Return a thread that prints decisions as JSON; a recording for them `alone` ends if it fails."""
+def _inference(decider: OnlineClassifier, stop: Event, *, alone: bool) -> OnlineInference:
+    """Return a thread that prints decisions as JSON; if these `alone` are wanted, its failure ends the recording."""
 
     def ended(error: Exception) -> None:
         say(f"decisions ended early: {message_of(error) or type(error).__name__}")
@@ -141,12 +143,12 @@ def _check_size(camera: tuple[int, int], network: tuple[int, int]) -> None:
 
 @contextmanager
 def _place(out: Path | None, settings: CameraSettings, overwrite: bool) -> Iterator[None]:
-    """Lock the file of a recording; delete or report what killed processes left next to it."""
+    """Lock the file of a recording; delete or report files that killed processes left next to it."""
     if out is None:
         yield
         return
     if not check_format(out, settings) and settings.inertial:
-        say(f"{out.suffix} files hold no inertial samples: they are left out")
+        say(f"{out.suffix} files can't store inertial samples: they are left out")
     check_place(out)
     with creating(out, overwrite=overwrite):
         check_finished(out)
@@ -193,8 +195,8 @@ def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool
         everything: Print all requirements of a recording, not only cameras.
         simulated: Look for a simulated camera.
         as_json: Print each finding as a line of JSON.
-        screen: See `examine`.
-        folder: See `examine`.
+        screen: The recording shows windows or videos, so their requirements are needed.
+        folder: Folder of the recording.
     """
     found = list(examine(Simulation().alone() if simulated else None, screen=screen, folder=folder))
     if not everything:
@@ -207,14 +209,14 @@ def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool
 
 
 def summary(report: RecordingReport) -> str:
-    """Return the report in a few lines, with all faults."""
+    """Return the report as text of a few lines, with all faults."""
     lines = [f"{shown(report.path or 'not kept')}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.frames:
         lines.append(f"{report.frames:,} frames")
     if report.lost:
         lines.append(f"{report.lost:,} bytes came faster than they could be decoded and written, and are lost")
     if report.dropped:
-        lines.append(f"the camera dropped {report.dropped:,} events: fewer events or a faster computer are needed")
+        lines.append(f"the camera dropped {report.dropped:,} events: reduce the event rate, or use a faster computer")
     wrong = {name: count for name, count in report.error_counts.items() if count}
     if wrong:
         lines.append("faults in the stream: " + ", ".join(f"{name} {count}" for name, count in wrong.items()))
@@ -224,9 +226,15 @@ def summary(report: RecordingReport) -> str:
 
 
 def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> CameraSettings:
-    """Return settings of a JSON file, replaced by the given ones: `biases` as NAME=A:B, others by name unless None.
+    """Return the settings in a JSON file, changed by the other arguments.
 
-    ValueError for a file or bias that can't be understood.
+    Args:
+        file: The file; None for the defaults.
+        biases: Biases as texts NAME=COARSE:FINE.
+        given: Other settings by name; None leaves a setting unchanged.
+
+    Raises:
+        ValueError: The file or a bias can't be parsed.
     """
     settings = CameraSettings()
     if file is not None:

@@ -39,7 +39,7 @@ from nvsdata.recording.session import summary
             {"lost": 1_000, "dropped": 2_000},
             "not kept: 0 events in 0.00 s; the time was up\n"
             "1,000 bytes came faster than they could be decoded and written, and are lost\n"
-            "the camera dropped 2,000 events: fewer events or a faster computer are needed",
+            "the camera dropped 2,000 events: reduce the event rate, or use a faster computer",
         ),
         (
             {"error_counts": {"a": 0, "b": 1, "c": 12}, "temperature": 0.0, "dropped": 0},
@@ -81,7 +81,7 @@ def test_formats_and_places(tmp_path):
     frames = SimpleNamespace(frames=True)
     assert check_format(tmp_path / "a.h5", frames) is True
     assert check_format(tmp_path / "a.txt", None) is False
-    with pytest.raises(ValueError, match=r"^\.txt files hold no frames"):
+    with pytest.raises(ValueError, match=r"^\.txt files can't store frames"):
         check_format(tmp_path / "a.txt", frames)
 
 

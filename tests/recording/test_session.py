@@ -132,11 +132,11 @@ def test_a_format_says_what_it_cannot_hold_before_it_starts(tmp_path, capsys):
     how = ["record", "--simulate", "--seconds", "0.1", "--out", str(tmp_path / "a.txt")]
     assert main([*how, "--settings", str(tmp_path / "s.json")]) == 1
     assert capsys.readouterr().err.endswith(
-        "files hold no frames: record to .h5, .aedat or .aedat4, or without frames\n"
+        "files can't store frames: record to .h5, .aedat or .aedat4, or without frames\n"
     )
     assert not (tmp_path / "a.txt").exists()
     assert main(how) == 0
-    assert ".txt files hold no inertial samples: they are left out" in capsys.readouterr().err
+    assert ".txt files can't store inertial samples: they are left out" in capsys.readouterr().err
 
 
 def test_the_recipes_preset_is_understood():

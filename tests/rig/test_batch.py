@@ -262,5 +262,5 @@ def test_a_format_without_frames_is_refused_before_anything_is_touched(tmp_path,
     (tmp_path / "s.json").write_text('{"frames": true}')
     how = ["--simulate", "--settings", str(tmp_path / "s.json"), "--format", "text"]
     assert main(["record", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *how]) == 1
-    assert ".txt files hold no frames: record to .h5, .aedat or .aedat4" in capsys.readouterr().err
+    assert ".txt files can't store frames: record to .h5, .aedat or .aedat4" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

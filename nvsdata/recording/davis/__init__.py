@@ -1,1 +1,1 @@
-"""DAVIS cameras: their registers, their byte stream, and the file that keeps it."""
+"""DAVIS cameras: their registers, their byte stream, and a file format of that stream."""

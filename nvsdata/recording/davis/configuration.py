@@ -1,4 +1,4 @@
-"""Description of a camera, and the registers to write: the vendor's defaults, and the changes by settings."""
+"""Description of a camera, and the registers to write: the vendor's defaults, and changes by the user's settings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from nvsdata.recording.davis.registers import APS, CHIP, CHIPS, DVS, EXTERNAL, IMU, MUX, USB, CameraSettings
 
 Write = tuple[int, int, int]
-"""Module, parameter, value."""
+"""A register to write: module, parameter, value."""
 
 
 @dataclass(frozen=True)
@@ -17,12 +17,12 @@ class DeviceInfo:
     """Description of a connected camera, from its registers.
 
     Args:
-        serial: Its serial number.
-        board: Of its USB controller, "FX2" or "FX3".
+        serial: Serial number.
+        board: USB controller, "FX2" or "FX3".
         chip: Number of the sensor, a key of `CHIPS`.
-        width: Width of the sensor in pixels, as the host sees it.
-        height: Height of the sensor.
-        frame_size: Width and height of frames.
+        width: Width of the sensor in pixels, after the swap of axes.
+        height: Height of the sensor in pixels, after the swap of axes.
+        frame_size: Width and height of frames in pixels.
         swap: As in `stream.DavisDecoder`.
         frame_orientation: As in `stream.DavisDecoder`.
         inertial: As in `stream.DavisDecoder`.
@@ -30,7 +30,7 @@ class DeviceInfo:
         logic_clock: Clock of the logic in MHz.
         converter_clock: Clock of the converter in MHz.
         usb_clock: Clock of the USB controller in MHz.
-        has: Names of the optional parts that it has, such as "region filter".
+        has: Names of the optional parts that the camera has, such as "region filter".
     """
 
     serial: str
@@ -55,7 +55,7 @@ class DeviceInfo:
 
 
 def defaults(facts: DeviceInfo) -> Iterator[Write]:
-    """The vendor's default configuration except biases, in the vendor's order: (module, parameter, value)."""
+    """Yield the registers of the vendor's default configuration without biases, in the vendor's order."""
     shift = [(p, int(p in (136, 138))) for p in range(128, 139)]
     shift += [(140, 0), (141, 0)]
     shift += [(139, 0)] if facts.chip in (0, 1) else [] if facts.chip == 2 else [(143, 1), (144, 0)]
@@ -92,15 +92,15 @@ def defaults(facts: DeviceInfo) -> Iterator[Write]:
 
 
 def changes(facts: DeviceInfo, settings: CameraSettings) -> Iterator[Write]:
-    """Yield the writes for settings that differ from the defaults. ValueError for unsupported settings."""
+    """Yield the registers of settings that differ from the defaults; raise ValueError for unsupported settings."""
     default = CameraSettings()
-    for name, asked, needed in (
+    for name, wanted, needed in (
         ("send only the events of a region", settings.region, "region filter"),
         ("mask pixels", settings.masked, "pixel filter"),
         ("skip events", settings.skip, "skip filter"),
         ("send only one polarity", settings.polarity != "both", "polarity filter"),
     ):
-        if asked and needed not in facts.has:
+        if wanted and needed not in facts.has:
             raise ValueError(f"this {facts.name} can't {name}")
     if settings.region is not None:
         size = (facts.width, facts.height)
@@ -138,7 +138,11 @@ def changes(facts: DeviceInfo, settings: CameraSettings) -> Iterator[Write]:
 def _edges(
     name: str, region: tuple[int, int, int, int], size: tuple[int, int], swap: bool
 ) -> tuple[int, int, int, int]:
-    """Return first column and row, last column and row of a region for the device. ValueError if outside the sensor."""
+    """Return a region's first column and row, last column and row, as the device takes them.
+
+    Raises:
+        ValueError: The region is not within the sensor.
+    """
     x, y, width, height = region
     if x + width > size[0] or y + height > size[1]:
         raise ValueError(f"{name} {region} is not within {size[0]}x{size[1]}")

@@ -1,4 +1,4 @@
-"""The driver of DAVIS240 and DAVIS346 cameras, by pyusb."""
+"""Driver of DAVIS240 and DAVIS346 cameras, through pyusb."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ VENDOR = 0x152A
 BOARDS = {0x841B: ("FX2", 4), 0x841A: ("FX3", 6)}
 LOGIC, PATCH = 18, 1
 ENDPOINT = 0x82
-DEBUG = 0x81  # of the FX3: messages of its firmware, which must be read, or it waits
-MESSAGES = 4, 64, INTERRUPT  # requests for them, bytes of each, and kind
+DEBUG = 0x81  # endpoint of the FX3 for messages of its firmware, which waits if they aren't read
+MESSAGES = 4, 64, INTERRUPT  # requests for messages, bytes of each, and kind of endpoint
 READ, WRITE = 0xC0, 0x40
 REGISTER, SEVERAL = 0xBF, 0xC2
 TIMEOUT = 1_000  # ms
-MAX_ANSWER = 4_096  # pixels per side, and MHz: no camera answers more
+MAX_ANSWER = 4_096  # pixels per side, or MHz; higher answers are implausible
 UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0666", TAG+="uaccess"'
 
 
 class Davis:
-    """An open camera. `find` opens one; use it in a `with` block, or `close` it.
+    """Open DAVIS camera. `find` opens one; use it in a `with` block, or `close` it.
 
-    Call `configure`, then `start` and `stop` as often as wanted; between them `read` gives the stream, which
-    `decoder()` decodes. Methods raise `CameraError`, or `Unplugged` if the camera is gone.
+    Call `configure`, then `start` and `stop` any number of times. Between them, `read` returns the bytes of the stream,
+    which a `decoder()` decodes. Methods raise `CameraError`, or `Unplugged` if the camera was disconnected.
     """
 
     unit = 2
-    silence: float | None = 5.0  # it sends wraps of its clock 30 times a second
+    silence: float | None = 5.0  # the camera sends the wraps of its clock, 30 times per second
 
     def __init__(self, device: Any) -> None:
         self.device = device
@@ -63,7 +63,7 @@ class Davis:
         self.note: str | None = None  # stored with each recording
         self._stream: UsbStream | None = None
         self._debug: AsyncStream | None = None
-        self.messages: list[str] = []  # of its firmware
+        self.messages: list[str] = []  # messages of the camera's firmware
         self.faults = 0  # USB requests that failed since the last start
         with _translated_errors():
             self._claim()
@@ -71,13 +71,14 @@ class Davis:
 
     @classmethod
     def find(cls, serial: str | None = None, *, backend: Any = None) -> Self:
-        """Open the camera with that serial number, or the only one there is.
-
-        Raises CameraError if there is no such camera, several without a serial number, or one that can't be used.
+        """Open the camera with that serial number, or the only one that is connected.
 
         Args:
             serial: Serial number; None if only one camera is connected.
-            backend: pyusb's backend (default: the one that pyusb finds).
+            backend: Backend of pyusb (default: the one that pyusb finds).
+
+        Raises:
+            CameraError: There is no such camera, or it can't be used, or there are several and `serial` is None.
         """
         found = []
         refused: list[Exception] = []
@@ -103,18 +104,18 @@ class Davis:
         )
 
     def _claim(self) -> None:
-        # before the serial number is read, because pyusb doesn't distinguish the errors of that
+        # done before reading the serial number, because pyusb doesn't distinguish the errors of the latter
         if not self._configured():
             self.device.set_configuration(1)
         usb.util.claim_interface(self.device, 0)
         try:
             self._serial = (self.device.serial_number or "")[:8]
         except ValueError:
-            # pyusb raises it for strings that can't be read, for example of a camera that was just plugged in again
+            # pyusb raises ValueError for unreadable strings, such as those of a camera that was just plugged in again
             raise CameraError("the serial number of the camera can't be read: plug it in again") from None
 
     def _configured(self) -> bool:
-        """Return True if the device has its one configuration; without one, pyusb raises an error without a number."""
+        """Return True if the device is configured; if it isn't, pyusb raises an error without a number."""
         try:
             return bool(self.device.get_active_configuration().bConfigurationValue == 1)
         except usb.core.USBError as error:
@@ -135,7 +136,7 @@ class Davis:
             raise self._refused(f"has patch level {patch} of its logic, at least {PATCH} is needed")
         chip = self.get(SYSTEM, 1)
         self.get(SYSTEM, 2)
-        asked = (
+        options = (
             ("pixel filter", DVS, 10),
             ("activity filter", DVS, 30),
             ("region filter", DVS, 40),
@@ -147,7 +148,7 @@ class Davis:
             ("generator", EXTERNAL, 10),
             ("statistics", MUX, 80),
         )
-        has = frozenset(name for name, module, parameter in asked if self.get(module, parameter))
+        has = frozenset(name for name, module, parameter in options if self.get(module, parameter))
         inertial = self.get(IMU, 0)
         clocks = [self.get(SYSTEM, parameter) for parameter in (3, 4, 5)]
         deviation = self.get(SYSTEM, 6)
@@ -181,18 +182,18 @@ class Davis:
         )
 
     def _geometry(self) -> list[tuple[int, int, int]]:
-        """Columns, rows and orientation of events and of frames."""
+        """Return the numbers of columns and rows, and the orientation, of events and of frames."""
         return [(self.get(module, 0), self.get(module, 1), self.get(module, 2)) for module in (DVS, APS)]
 
     def _implausible(self, what: str) -> CameraError:
         self.close()
         return CameraError(
-            f"camera {self._serial} gives implausible answers ({what}): plug it in again, or into another port"
+            f"camera {self._serial} returns implausible answers ({what}): plug it in again, or into another port"
         )
 
     def _refused(self, why: str) -> CameraError:
         self.close()
-        return CameraError(f"camera {self._serial} {why}: update it by the vendor's tool (Flashy in DV)")
+        return CameraError(f"camera {self._serial} {why}: update it with the vendor's tool (Flashy in DV)")
 
     def get(self, module: int, parameter: int) -> int:
         """Read a register."""
@@ -206,7 +207,7 @@ class Davis:
         self._control(WRITE, REGISTER, module, parameter, int(value).to_bytes(4, "big"))
 
     def _control(self, kind: int, request: int, value: int, index: int, data: Any) -> Any:
-        """Do a control transfer, which is repeated once after a timeout."""
+        """Do a control transfer; repeat it once after a timeout."""
         with _translated_errors():
             try:
                 return self.device.ctrl_transfer(kind, request, value, index, data, timeout=TIMEOUT)
@@ -219,7 +220,7 @@ class Davis:
         self._control(WRITE, SEVERAL, len(writes), 0, data)
 
     def get64(self, module: int, parameter: int) -> int:
-        """Read a counter of 64 bits, whose upper half is at `parameter`."""
+        """Read a 64-bit counter whose upper half is at `parameter`."""
         while True:
             high, low, again = (self.get(module, parameter + offset) for offset in (0, 1, 0))
             if high == again:
@@ -228,7 +229,8 @@ class Davis:
     def configure(self, settings: CameraSettings | None = None) -> None:
         """Write the vendor's default configuration, then the settings that differ from it.
 
-        ValueError for biases or a region that the camera doesn't have.
+        Raises:
+            ValueError: The camera doesn't have these biases, or doesn't support these settings.
         """
         settings = settings or CameraSettings()
         facts, biases = self.facts, biases_of(self.facts.chip)
@@ -248,13 +250,13 @@ class Davis:
         time.sleep(0.01)
         with _translated_errors():
             self.device.clear_halt(ENDPOINT)
-        # closes streams of an earlier, incomplete start
+        # this closes streams of an earlier, incomplete start
         self.end_reading()
         self._stream, self.faults = _stream(self.device), 0
         if self.facts.board == "FX3":
             self._debug = queued(self.device, DEBUG, *MESSAGES)
         self.set(MUX, 3, 1)
-        time.sleep(0.2)  # biases settle
+        time.sleep(0.2)  # until the biases have settled
         for module, parameter in ((USB, 0), (MUX, 1), (MUX, 0)):
             self.set(module, parameter, 1)
         time.sleep(0.05)
@@ -265,7 +267,7 @@ class Davis:
             self.set(module, parameter, 1)
 
     def reset_time(self) -> None:
-        """Restart the camera's time; a special event marks it."""
+        """Restart the camera's time at 0; a special event in the stream marks this reset."""
         self.set_together((MUX, 2, 1), (MUX, 2, 0))
 
     def stop(self) -> None:
@@ -278,7 +280,7 @@ class Davis:
             self.set(module, parameter, 0)
 
     def read(self, timeout: int = 100) -> bytes:
-        """Return bytes of the stream that arrive within `timeout` ms, maybe none; for one thread at a time."""
+        """Return the bytes that arrive within `timeout` ms, maybe none; only one thread may read at a time."""
         if self._stream is None:
             self._stream = _stream(self.device)
         try:
@@ -299,7 +301,7 @@ class Davis:
         self._debug = self._stream = None
 
     def dropped(self) -> int | None:
-        """Return the number of events that the camera dropped since power-on, None if it doesn't count them."""
+        """Return the number of events that the camera dropped since power-on; None if it doesn't count them."""
         return self.get64(MUX, 83) if "statistics" in self.facts.has else None
 
     def decoder(self) -> DavisDecoder:
@@ -367,7 +369,7 @@ def _stream(device: Any) -> UsbStream:
 
 @contextmanager
 def _translated_errors() -> Iterator[None]:
-    """Raise USB errors in the block as CameraErrors that name cause and cure."""
+    """Convert USB errors in the block to CameraErrors that state the cause and a remedy."""
     try:
         yield
     except usb.core.USBError as error:

@@ -1,9 +1,9 @@
-"""Files of a DAVIS camera's raw stream: `nvsdata record` writes one next to its output until that is complete.
+"""Files of a DAVIS camera's raw stream: `nvsdata record` writes one next to its output until the output is complete.
 
 The first line is `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.DavisDecoder`), `last` (µs at which the
 recording ends, or null) and `about` (as `Recording.about`). The camera's words follow, 16 bits each, little-endian.
-Time 0 is the first reset of the camera's clock, or, if there is none, that of its own clock. A process that is killed
-leaves half a word at most, which is ignored.
+Times count from the first reset of the camera's clock in the file; without a reset, they are those of the clock. If the
+process is killed, the file may end with half a word, which is ignored.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def header(decoder: DavisDecoder, last: int | None, about: Mapping[str, Any]) ->
 
 
 class StreamRecording(FileRecording):
-    """Recording from a file of a camera's stream."""
+    """Recording from a file of a DAVIS camera's raw stream."""
 
     format = "davis"
     holds_samples = True
@@ -51,14 +51,14 @@ class StreamRecording(FileRecording):
             self._check()
             decoder = self._decoder()
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise FormatError(path, f"its first line doesn't say how to decode it: {error!r}", offset=0) from None
+            raise FormatError(path, f"the first line doesn't describe the decoder: {error!r}", offset=0) from None
         if not newline:
-            raise FormatError(path, "cut off within its first line", offset=len(line))
+            raise FormatError(path, "cut off within the first line", offset=len(line))
         self._begin = len(line) + 1
         self._size = self._size or (decoder.width, decoder.height)
 
     def _check(self) -> None:
-        """Raise for settings that no decoder of a camera has."""
+        """Raise ValueError for settings that no camera's decoder has."""
         sides = (self._how["width"], self._how["height"], *(self._how["frame_size"] or ()))
         if len(sides) not in (2, 4) or not all(isinstance(side, int) and 0 < side <= MAX_SIDE for side in sides):
             raise ValueError(f"sides of {sides} pixels")
@@ -66,7 +66,7 @@ class StreamRecording(FileRecording):
         if not all(isinstance(value, int) and 0 <= value < 1 << 15 for value in others):
             raise ValueError(f"settings {others}")
         if not self._how["steady"]:
-            raise ValueError("a decoder that isn't steady, whose times may fall")
+            raise ValueError("a decoder that isn't steady: its times may decrease")
 
     def _decoder(self) -> DavisDecoder:
         return DavisDecoder(**self._how)
@@ -76,12 +76,12 @@ class StreamRecording(FileRecording):
         return self._about
 
     def pieces(self) -> Iterator[Events]:
-        """As `Recording.pieces`, in constant memory."""
+        """Yield pieces as `Recording.pieces` does, in constant memory."""
         decoder = self._decoder()
         yield Piece.of_camera(Events.empty((decoder.width, decoder.height)), about=self._about)
         yield from self._in_order(decoder, self._last)
         if not decoder.begun:
-            # without a reset of the clock, all events count, in the camera's own time
+            # without a reset of the clock, all events are included, in the camera's own time
             decoder = self._decoder()
             decoder.begun = True
             yield from self._in_order(decoder, None)
@@ -89,7 +89,7 @@ class StreamRecording(FileRecording):
             self._repair(name, count)
 
     def _in_order(self, decoder: DavisDecoder, last: int | None) -> Iterator[Piece]:
-        """Yield a decoder's events. FormatError if times decrease: the file has changed since an earlier pass."""
+        """Yield a decoder's events; raise FormatError if times decrease: the file was changed since it was opened."""
         latest = 0
         for piece, _ in decoder.decoded(self._blocks(), last):
             if len(piece) and (int(piece.t[0]) < latest or not is_sorted(piece.t)):

@@ -1,4 +1,4 @@
-"""Registers and biases of DAVIS cameras (logic 18), and the settings that a user may give."""
+"""Registers and biases of DAVIS cameras (logic 18), and the settings that a user can change."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nvsdata.common.validation import not_negative, positive
 # modules
 MUX, DVS, APS, IMU, EXTERNAL, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
 
-# registers that keep something running, in the order in which they are set to 0
+# registers that enable parts of the camera, in the order in which a stop sets them to 0
 RUNNING = ((DVS, 3), (APS, 4), (IMU, 2), (IMU, 3), (IMU, 4), (EXTERNAL, 0), (MUX, 0), (MUX, 1), (USB, 0), (MUX, 3))
 EXTERNAL_EDGES = ("pulses", "rising", "falling", "both")
 POLARITIES = ("both", "on", "off")
@@ -37,10 +37,10 @@ class Bias:
     """A bias of a chip.
 
     Args:
-        parameter: Its register in module `CHIP`.
-        first: Default of its first number.
-        second: Default of its second number. Currents have a coarse (0..7) and a fine (0..255) number, shifted sources
-            a reference and a regulator (0..63 each), VDACs a voltage (0..63) and a current (0..7).
+        parameter: Number of the register in module `CHIP`.
+        first: Default of the bias's first number.
+        second: Default of the bias's second number. Currents have a coarse (0..7) and a fine (0..255) number, shifted
+            sources a reference and a regulator (0..63 each), VDACs a voltage (0..63) and a current (0..7).
         kind: `VDAC`, `SHIFTED`, or the low bits of a current.
     """
 
@@ -50,7 +50,7 @@ class Bias:
     kind: int
 
     def value(self, first: int | None = None, second: int | None = None) -> int:
-        """Return the register's value for the given or the default numbers. ValueError for numbers out of range."""
+        """Return the register's value for these numbers, or the defaults; raise ValueError for numbers out of range."""
         a = self.first if first is None else first
         b = self.second if second is None else second
         highest = {VDAC: (63, 7), SHIFTED: (63, 63)}.get(self.kind, (7, 255))
@@ -122,7 +122,7 @@ BIASES_346 = _biases(
 
 
 def biases_of(chip: int) -> dict[str, Bias]:
-    """Return the biases of a chip, by name. ValueError for a chip that isn't supported."""
+    """Return the biases of a chip by name; raise ValueError for a chip that isn't supported."""
     if chip in (0, 1, 2):
         return BIASES_240
     if chip in (4, 5, 9):
@@ -134,23 +134,27 @@ def biases_of(chip: int) -> dict[str, Bias]:
 class CameraSettings:
     """Settings of a DAVIS camera.
 
-    Raises ValueError for values out of range; whether the camera can do it is known when it is configured.
-
     Args:
-        biases: By name, each two numbers (see `Bias`), in place of the chip's defaults.
+        biases: Two numbers for each name of a bias (see `Bias`), in place of the chip's defaults.
         frames: Send frames in addition to events (default False).
         inertial: Send inertial samples in addition to events (default True).
         region: (x, y, width, height), the pixels whose events are sent (default: all).
-        activity_filter: µs, None for off, for cameras that have it (default 2,000).
-        refractory_filter: µs, None for off, for cameras that have it (default None).
-        exposure: Of frames, in µs (default 4,000).
-        frame_interval: From frame to frame, in µs (default 40,000).
-        packet_delay: µs after which a packet is sent that isn't full (default 1,000).
-        external: What is reported of the external input, "pulses", "rising", "falling" or "both" (default "pulses").
+        activity_filter: Time in µs of the camera's background activity filter, if the camera has one; None turns it off
+            (default 2,000).
+        refractory_filter: Time in µs of the camera's refractory filter, if the camera has one; None turns it off
+            (default None).
+        exposure: Exposure of frames in µs (default 4,000).
+        frame_interval: Time from frame to frame in µs (default 40,000).
+        packet_delay: Time in µs after which a packet that isn't full is sent (default 1,000).
+        external: Signals at the external input that are sent: "pulses", or "rising", "falling" or "both" edges (default
+            "pulses").
         masked: Up to eight pixels (x, y) whose events aren't sent (default none).
-        skip: N leaves out one event in N (default: none is left out).
+        skip: Leave out one event in `skip` (default None: none is left out).
         polarity: Send "both", "on" or "off" events (default "both").
         frame_region: (x, y, width, height), the pixels that frames have (default: all).
+
+    Raises:
+        ValueError: A value is out of range. `Davis.configure` checks whether the camera supports the settings.
     """
 
     biases: Mapping[str, tuple[int, int]] = field(default_factory=dict)

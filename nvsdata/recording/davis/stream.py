@@ -1,6 +1,7 @@
 """Decoder of a DAVIS camera's stream: from bytes to events, special events, inertial samples and frames.
 
-Logic 18, the vendor's coding of 16-bit words. Any split of the stream into pieces of whole words gives the same result.
+The stream is that of logic 18: 16-bit words in the vendor's coding. Any split of the stream into pieces of whole words
+has the same result.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.contents import most_bytes
 from nvsdata.kernels.recording import davis_stream as kernel
 
-ROOM = 1024  # special events and samples that a call of the kernel has room for
+ROOM = 1024  # largest number of special events, and of samples, per call of the kernel
 SPECIALS = {
     kernel.WRAP: "timestamp_wrap",
     kernel.RESET: "timestamp_reset",
@@ -49,10 +50,10 @@ class Specials(NamedTuple):
     """Special events, int64 [n] each.
 
     Args:
-        word: Number of the word that each came with, counted from the start.
+        word: Number of the word with which each was sent, counted from the start of the stream.
         t: Time (µs).
         kind: Type, a key of `SPECIALS`.
-        before: How many of the events that `feed` returned came before it.
+        before: Number of the events that `feed` returned and that precede each.
     """
 
     word: np.ndarray
@@ -67,28 +68,30 @@ NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
 
 @dataclass
 class DavisDecoder:
-    """Decodes a camera's stream, piece by piece.
+    """Decoder of a camera's stream, piece by piece.
 
-    `feed` returns the events of a piece, in the order of the stream (µs; times restart at a "timestamp_reset", and
-    fall only there or in damaged streams). `specials`, `samples` and `frames` hold what else the last piece brought,
-    `sample_words` and `frame_words` the numbers of the words at which samples and frames ended. `error_counts` counts
-    faults since the start, by name: addresses that don't exist, unknown words, broken frames and samples (which are
-    dropped), columns of a frame with too few pixels (the rest keeps what was there before), pieces whose last byte is
-    half a word (which is dropped). `begun` says whether `decoded` has met a reset of the clock; set it to True before,
-    and everything counts.
+    `feed` returns the events of a piece, in the order of the stream. Times (µs) restart at a "timestamp_reset";
+    elsewhere they decrease only in damaged streams. After `feed`, `specials`, `samples` and `frames` contain the other
+    data of the piece, and `sample_words` and `frame_words` the numbers of the words at which samples and frames ended.
+    `begun` is True if `decoded` has found a reset of the clock; if it is set to True before, data before the reset are
+    included.
+
+    `error_counts` counts faults since the start, by name: addresses that don't exist, unknown words, incomplete frames
+    and samples (which are dropped), columns of a frame with too few pixels (the other pixels keep earlier values), and
+    pieces with half a word at the end (which is dropped).
 
     Args:
-        width: Width of the sensor in pixels, as the host sees it.
-        height: Height of the sensor in pixels.
-        swap: Whether the sensor's rows are the host's columns (default False).
-        frame_size: (width, height) of frames, as the host sees them (default: those of the sensor).
-        frame_orientation: Register 2/2 (4: swap, 2: flip x, 1: flip y; default 0).
-        chip: Register 6/1 (default 2).
-        inertial: Register 3/0 (default 1).
-        inertial_flips: Register 3/1 (4: x, 2: y, 1: z; default 0).
-        steady: Times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
-            clock that fits ("lost_wraps"), and likewise at every reset except the first ("late_resets") (default
-            False).
+        width: Width of the sensor in pixels, after the swap of axes.
+        height: Height of the sensor in pixels, after the swap of axes.
+        swap: Swap the axes: rows of the sensor become columns of the events (default False).
+        frame_size: (width, height) of frames in pixels, after a swap of their axes (default: those of the sensor).
+        frame_orientation: Value of register 2/2: a sum of 4 (swap), 2 (flip x) and 1 (flip y) (default 0).
+        chip: Value of register 6/1, the number of the sensor (default 2).
+        inertial: Value of register 3/0, the type of the inertial unit (default 1).
+        inertial_flips: Value of register 3/1: a sum of 4 (flip x), 2 (flip y) and 1 (flip z) (default 0).
+        steady: Never let times decrease (default False). If parts of the stream are missing, times continue from the
+            next wrap of the camera's clock that fits (counted as "lost_wraps"). They also continue after every reset
+            except the first (counted as "late_resets").
     """
 
     width: int
@@ -131,7 +134,7 @@ class DavisDecoder:
 
     @property
     def now(self) -> int:
-        """The camera's time (µs) where the last piece ended."""
+        """The camera's time (µs) at the end of the last piece."""
         return int(self._state[kernel.NOW])
 
     def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> Events:
@@ -140,7 +143,7 @@ class DavisDecoder:
         self._odd += piece.size % 2
         words = piece[: piece.size // 2 * 2].view("<u2")
         if words.size > self._scratch.t.size:
-            # used for every piece, because fresh memory would take longer than the decoding
+            # this buffer is used for every piece, because new memory would take longer than the decoding
             self._scratch = Columns.empty(words.size)
         notes: list[np.ndarray] = []
         rows: list[np.ndarray] = []
@@ -180,11 +183,13 @@ class DavisDecoder:
         return Events.trusted(columns, (self.width, self.height), 0)
 
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
-        """Return the contents of blocks of words, and the times (µs, int64) of pulses and rising edges at the input.
+        """Yield the contents of blocks of words, and the times (µs, int64) of pulses and rising edges at the input.
 
-        Times count from the first reset of the camera's clock, and what came before it is left out; so is what comes
-        from `last` (µs) on. Where the blocks are cut doesn't change the whole result. ValueError unless the decoder is
-        `steady`: events of others may be out of order.
+        Times count from the first reset of the camera's clock. Data before this reset are left out, and so are data
+        from time `last` (µs) on. The split of the stream into blocks doesn't change the joined result.
+
+        Raises:
+            ValueError: The decoder isn't `steady`, so events may be out of order.
         """
         if not self.steady:
             raise ValueError("only a steady decoder returns events in order: DavisDecoder(steady=True)")
@@ -223,7 +228,7 @@ class DavisDecoder:
             self.samples, self.sample_words = self._measured(found), self.words + found[:, 0]
 
     def _measured(self, rows: np.ndarray) -> Inertial:
-        """Inertial samples in their units, from the kernel's."""
+        """Convert the kernel's inertial samples to physical units."""
         n = len(rows)
         measures = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32), np.empty(n, np.float32)
         slope, zero = (333.87, 21) if self.inertial == 2 else (340, 35)
@@ -232,7 +237,7 @@ class DavisDecoder:
 
     @property
     def _frame_size(self) -> int:
-        """Bytes of the pixels of a frame of the present region."""
+        """Size in bytes of the pixels of a frame, for the current region."""
         return 2 * int(self._state[kernel.SIZE_X]) * int(self._state[kernel.SIZE_Y])
 
     def _frame(self) -> Frame:

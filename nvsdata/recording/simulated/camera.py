@@ -19,7 +19,7 @@ from nvsdata.recording.davis.registers import APS, CHIP, DVS, EXTERNAL, IMU, MUX
 from nvsdata.recording.simulated.scenes import Outlines, Scene
 
 RESET_WORD, PULSE_WORD = 0x0001, 0x0004
-GLANCE = 4_000  # µs between looks at the scene
+GLANCE = 4_000  # µs; shortest part of the scene that is simulated at once
 SAMPLE_EVERY = 100_000  # µs between inertial samples
 # a sample at rest and 25 °C: start, scales and contents, acceleration, temperature, rotation, end
 SAMPLE_WORDS = [
@@ -71,24 +71,24 @@ WRITABLE = ((MUX, 0, 5), (DVS, 3, 63), (APS, 4, 13), (IMU, 2, 10), (EXTERNAL, 0,
 
 @dataclass
 class SimulatedDavis:
-    """A simulated camera.
+    """Simulated DAVIS camera.
 
     Args:
-        scene: What its pixels see (default: `Outlines()`).
-        serial: Serial number in its USB descriptor.
-        product: Product ID.
-        firmware: Version of its firmware.
-        registers: What it answers, by (module, parameter) (default: those of a DAVIS240C).
-        speed: Of its clock relative to the host's, 1.0001 is 100 ppm too fast; with 0, time passes only by `advance`
-            (default 1).
+        scene: Scene in front of the camera (default: `Outlines()`).
+        serial: Serial number in the USB descriptor.
+        product: USB product ID.
+        firmware: Version of the firmware.
+        registers: Values of the registers, by (module, parameter) (default: those of a DAVIS240C).
+        speed: Speed of the camera's clock relative to the host's (default 1). 1.0001 is 100 ppm too fast; with 0, time
+            passes only by `advance`.
         packet: Bytes per USB packet (default 512).
-        log: All control transfers, (type, request, value, index, data).
-        unplugged: Makes it go away.
-        refusal: Errno with which it refuses every request.
-        stalled: Makes it send no more.
-        lossy: Share of what it should send that it drops, and counts as dropped (default 0).
-        room: Bytes that may wait to be read; beyond that it drops events, as a real camera does. None, the default: it
-            sends everything, as fast as it is read, so that a busy computer loses nothing.
+        log: All control transfers so far, (type, request, value, index, data).
+        unplugged: True while the camera is disconnected.
+        refusal: Errno with which the camera refuses every request, None if it doesn't.
+        stalled: True while the camera sends nothing.
+        lossy: Probability that the events of a step are dropped, and counted as dropped (default 0).
+        room: Bytes that may wait to be read; events beyond that are dropped, as by a real camera. With None, the
+            default, all events are sent as fast as they are read, so that a busy computer loses nothing.
     """
 
     scene: Scene = field(default_factory=Outlines)
@@ -100,7 +100,7 @@ class SimulatedDavis:
     packet: int = 512
     log: list[tuple[int, int, int, int, bytes]] = field(default_factory=list)
     unplugged: bool = False
-    refusal: int | None = None  # errno of any first use
+    refusal: int | None = None
     stalled: bool = False
     lossy: float = 0.0
     room: int | None = None
@@ -111,13 +111,13 @@ class SimulatedDavis:
         self._random = np.random.default_rng(0)
         self._fifo = bytearray()
         self._began: int | None = None  # host time at which its clock was reset
-        self._time = 0  # µs up to which the scene was seen
+        self._time = 0  # µs up to which the scene has been simulated
         self._state = np.array([0, 0, -1], np.int64)
         self._sampled = self._framed = 0
         self._extra = 0.0
 
     def control(self, kind: int, request: int, value: int, index: int, data: Any) -> int:
-        """Do a control transfer; return the number of bytes. USBError for requests that the camera doesn't know."""
+        """Do a control transfer and return the number of bytes; raise USBError for unknown requests."""
         if kind == READ and request == REGISTER:
             known = self.registers.get((value, index), 0 if _writable(value, index) else None)
             if known is None or len(data) != 4:
@@ -146,7 +146,7 @@ class SimulatedDavis:
     def _write(self, module: int, parameter: int, number: int) -> None:
         now = self._now()
         while self._see(now):
-            # events up to now are sent by the previous registers, but not those that a slow scene returns meanwhile
+            # events up to `now` are sent with the previous registers, but no later ones, even if the simulation is slow
             pass
         self.registers[module, parameter] = number
         if (module, parameter) == (MUX, 2) and number:
@@ -173,15 +173,15 @@ class SimulatedDavis:
         self._extra += microseconds
 
     def _now(self) -> int:
-        """Return the camera's time (µs) up to which the scene's events are known; 0 unless it streams."""
+        """Return the camera's time (µs) up to which the scene's events are known; 0 if the camera doesn't stream."""
         if self._began is None:
             return 0
         return int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
 
     def _see(self, now: int, least: int = 1) -> bool:
-        """Put the events since the last call, up to `now`, into the FIFO if these are `least` µs or more.
+        """Put the events since the last call, up to `now` (µs), into the FIFO, if that is `least` µs or more.
 
-        Without a limited `room` it is at most `SLICE`; returns whether more is left for the next call.
+        Without a limit (`room`), a call adds at most `SLICE` µs. Return True if events are left for the next call.
         """
         if self._began is None or self.stalled or now < self._time + least:
             return False
@@ -201,7 +201,7 @@ class SimulatedDavis:
         pulses = pulses if self.registers.get((EXTERNAL, 0)) else []
         full = self.room is not None and 8 * len(seen) > self.room - len(self._fifo)
         if full or self._random.random() < self.lossy:
-            # events are dropped, the clock's words are not
+            # events are dropped, but the words of the clock aren't
             self._drop(len(seen))
             t, seen = t[:0], seen[:0]
         first, last = self._frame(now)
@@ -209,10 +209,10 @@ class SimulatedDavis:
         return behind
 
     def _skip(self, span: int) -> None:
-        """Leave out the next `span` µs if positive, because the process was suspended for long."""
+        """Skip the next `span` µs, if that is positive, because the process was suspended for long."""
         if span > 0 and self._began is not None:
             start = int(self._began + self._time / (self.speed or 1.0))
-            # their number is estimated, because simulating them would take as long
+            # the number of events is estimated, because simulating them would take as long as sending them
             self._drop(len(self.scene.events(start, start + SLICE)) * -(-span // SLICE))
             self._time += span
 
@@ -221,7 +221,7 @@ class SimulatedDavis:
         self.registers[MUX, 84] = (self.registers.get((MUX, 84), 0) + count) & 0xFFFFFFFF
 
     def _frame(self, now: int) -> tuple[bytes, bytes]:
-        """Return the two readings of a frame if one is due; its exposure lasts from the first to the second."""
+        """Return the two readings of a frame, if one is due; the exposure lasts from the first to the second."""
         interval = self.registers.get((APS, 13), 0) / self.registers.get((SYSTEM, 4), 30)
         if not self.registers.get((APS, 4)) or now - self._framed < interval:
             return b"", b""
@@ -257,7 +257,7 @@ class SimulatedDavis:
         return words[:count]
 
     def bulk(self, buffer: Any) -> int:
-        """Copy waiting bytes into `buffer`; return their number. USBTimeoutError if there are none."""
+        """Copy waiting bytes into `buffer` and return their number; raise USBTimeoutError if there are none."""
         while self._asked:
             # a reader that never pauses would never release the lock to others
             time.sleep(1e-4)
@@ -274,7 +274,7 @@ class SimulatedDavis:
 
 
 def picture(region: list[int]) -> np.ndarray:
-    """Return the image in frames of a region (first column and row, last column and row): a ramp, 0..838, by twos."""
+    """Return the image 2 * (x + y) of a region (first column and row, last column and row), int64 [H, W]."""
     x, y = np.arange(region[0], region[2] + 1), np.arange(region[1], region[3] + 1)
     return 2 * (x[None, :] + y[:, None])
 

@@ -1,4 +1,4 @@
-"""Options of a simulated camera in front of a monitor, with its faults."""
+"""Options of a simulated camera in front of a monitor, mainly faults."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ class Simulation:
     Args:
         drift: Error of the camera's clock in ppm (default 0).
         noise: Noise events in Hz per pixel (default 0.5).
-        late: Share of the images that the screen shows a refresh later than the computer thinks (default 0).
-        lossy: Share of its packets that the camera drops (default 0).
-        wired: 1 for a photodiode at its external input (default 0).
-        unplugged: s after the first use when the camera is unplugged for two seconds (default 0: never).
-        stalled: s after the first use when it stops sending until it is opened again (default 0: never).
+        late: Fraction of the images that the screen shows a refresh later than the log states (default 0).
+        lossy: Probability that the camera drops the events of a step (default 0).
+        wired: 1 for a photodiode at the camera's external input (default 0).
+        unplugged: Time in s after the first use at which the camera is disconnected for two seconds (default 0: never).
+        stalled: Time in s after the first use at which the camera stops sending, until it is opened again (default 0:
+            never).
         seed: Seed of all random numbers (default 0).
     """
 
@@ -41,7 +42,7 @@ class Simulation:
 
     @classmethod
     def of(cls, text: str) -> Simulation:
-        """Parse settings in the form NAME=NUMBER, separated by commas. ValueError for others."""
+        """Parse a text of the form NAME=NUMBER,NAME=NUMBER...; raise ValueError for other texts."""
         known = [field.name for field in fields(cls)]
         given: dict[str, float] = {}
         for part in filter(None, text.split(",")):
@@ -53,7 +54,7 @@ class Simulation:
         return cls(**given)
 
     def watched(self, kind: type[SimulatedDavis] = SimulatedDavis) -> tuple[Backend, Callable[..., Any]]:
-        """Return a backend with a camera that sees a monitor, and the function for the monitor's `on_change`."""
+        """Return a backend with a camera in front of a monitor, and the function for `on_change` of `Monitor`."""
         scene = Watched(
             replace(PIXELS, noise_rate=self.noise, seed=int(self.seed)),
             late=self.late,
@@ -63,7 +64,7 @@ class Simulation:
         return self._backend(kind(scene=scene)), scene.show
 
     def alone(self) -> Backend:
-        """Return a backend with a camera that sees a moving square."""
+        """Return a backend with a camera in front of a moving square."""
         return self._backend(SimulatedDavis(scene=Outlines(noise=self.noise * 240 * 180)))
 
     def _backend(self, camera: SimulatedDavis) -> Backend:

@@ -18,8 +18,8 @@ from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.video.frames import VideoFrame
 
 SIZE = (240, 180)
-BLACK = 2  # level of the dark room around the screen
-SETTLED = 1_000_000  # µs without a call after which pixels have adapted to the light
+BLACK = 2  # gray level of the dark room around the screen
+SETTLED = 1_000_000  # µs without a call of `events` after which pixels have adapted to the light
 REFRESH = 16_667  # µs
 BANDS = np.linspace(8, 172, 13).astype(int)  # rows of the screen that change together
 # a pixel emits an event for each change of the light by a fifth since its last event
@@ -31,20 +31,20 @@ CORNERS = ((14.0, 12.0), (228.0, 8.0), (226.0, 172.0), (10.0, 168.0))
 
 
 class Scene(Protocol):
-    """Protocol of a scene. Times are the host's, in µs; the events of a time are known `lag` µs later."""
+    """Protocol of a scene. Times are host times in µs; events are known `lag` µs after they occur."""
 
     lag: int
 
     def events(self, start: int, stop: int) -> Events:
-        """Events from `start` to `stop` (excluded)."""
+        """Return the events from `start` to `stop` (excluded)."""
 
     def pulses(self, start: int, stop: int) -> list[int]:
-        """Times of pulses at the external input, from `start` to `stop` (excluded)."""
+        """Return the times of pulses at the external input, from `start` to `stop` (excluded)."""
 
 
 @dataclass
 class Outlines:
-    """`rate` events/s of the outline of a square that circles over the sensor, and `noise` events/s anywhere."""
+    """Outline of a square that circles over the sensor, with `rate` events/s, and `noise` events/s at random pixels."""
 
     rate: float = 200_000
     noise: float = 20_000
@@ -75,9 +75,10 @@ class Watched:
         pixels: The sensor's settings.
         corners: Places (x, y) of the screen's corners on the sensor.
         scan: µs in which the screen changes from top to bottom (default 12,000).
-        late: Share of the images that come a refresh later than the host thinks (default 0).
-        wired: A photodiode in the screen's upper left corner pulses the external input when that corner turns bright.
-        seed: Of which images are late (default 0).
+        late: Fraction of the images that appear a refresh later than `show` states (default 0).
+        wired: A photodiode in the screen's upper left corner sends a pulse to the external input when that corner turns
+            bright (default False).
+        seed: Seed of the choice of late images (default 0).
         lag: µs after which events are known (default 80,000).
     """
 
@@ -103,7 +104,7 @@ class Watched:
 
     def show(self, time: float, picture: np.ndarray) -> None:
         """Set the image `picture` (uint8 [H, W, 3], red first) that the screen shows from `time` on."""
-        # scaled down first, because each pixel sees the mean of an area
+        # scaled down first, because each pixel records the mean of an area
         small = cv2.resize(picture, (2 * SIZE[0], 2 * SIZE[1]), interpolation=cv2.INTER_AREA)
         height, width = small.shape[:2]
         own = np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float32)
@@ -143,7 +144,7 @@ class Watched:
         return events.window(stop=stop)
 
     def _until(self, moment: int) -> list[Events]:
-        """Events of a change to the present image, up to `moment`."""
+        """Return the events of the change to the current image, up to `moment` (µs)."""
         if moment <= self._time or self._emulator is None:
             return []
         before, self._time = self._time, moment

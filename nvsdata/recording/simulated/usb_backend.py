@@ -1,4 +1,4 @@
-"""A backend for pyusb whose devices are simulated cameras."""
+"""Backend of pyusb whose devices are simulated cameras."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nvsdata.recording.simulated.camera import SimulatedDavis as Device
 
 
 class Backend(usb.backend.IBackend):  # type: ignore[misc]
-    """A backend of pyusb for simulated cameras; `before` is called with the camera and the name of each call."""
+    """Backend of pyusb for simulated cameras; `before` is called with the camera and the name of each call."""
 
     def __init__(self, *cameras: Device, before: Callable[[Device, str], None] = lambda camera, call: None) -> None:
         self.cameras, self.before = cameras, before

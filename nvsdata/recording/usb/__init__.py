@@ -1,1 +1,1 @@
-"""Reading a USB endpoint without losing a transfer."""
+"""Readers of a USB endpoint that lose no transfer."""

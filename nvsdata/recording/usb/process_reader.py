@@ -1,4 +1,4 @@
-"""Reading of a camera in a separate process, for backends of pyusb without waiting requests."""
+"""Reading of a camera in a separate process, for backends of pyusb that can't queue requests."""
 
 from __future__ import annotations
 
@@ -22,28 +22,30 @@ from nvsdata.recording.usb.transfers import Disconnected, SyncStream
 
 READY = b""
 STARTING = 20.0  # s that the process may take to start
-LEAVING = 2.0  # s that it may take to send the rest
-GLIMPSE = 50  # ms per read; after each, the process looks whether it is to stop
+LEAVING = 2.0  # s that the process may take to send the last blocks
+GLIMPSE = 50  # ms per read; after each read, the process checks whether it should stop
 OURS = "usb.backend."
 
 
 def can_read_in_subprocess(device: Any) -> bool:
-    """Return True if another process finds the same device: it does through a backend of pyusb's own."""
+    """Return True if another process can find the same device, which requires one of pyusb's own backends."""
     return type(device.backend).__module__.startswith(OURS)
 
 
 class SubprocessStream:
     """Stream of a camera, read by another process; a `UsbStream`.
 
-    Raises `Disconnected` if the process can't open the device.
-
     Args:
-        opener: Called in that process, must be picklable, and returns the device with its interface claimed.
+        opener: Function that returns the device with its interface claimed. It is called in that process, so it must be
+            picklable.
         endpoint: Endpoint to read from.
-        freed: Called when that process has ended (default: nothing is).
+        freed: Function that is called when that process has ended (default: none).
+
+    Raises:
+        Disconnected: The process can't open the device.
     """
 
-    faults = 0  # the first one ends the process
+    faults = 0  # a failed request ends the process, so none is counted
 
     def __init__(self, opener: Callable[[], Any], endpoint: int, freed: Callable[[], None] = lambda: None) -> None:
         context = get_context("spawn")
@@ -56,9 +58,9 @@ class SubprocessStream:
         self._process.start()
         theirs.close()
         try:
-            word = self._blocks.recv_bytes() if self._blocks.poll(STARTING) else b"it doesn't begin"
+            word = self._blocks.recv_bytes() if self._blocks.poll(STARTING) else b"it doesn't start"
         except EOFError:
-            word = b"it died"
+            word = b"it ended"
         if word != READY:
             self.close()
             raise Disconnected(f"the process that reads the camera failed: {word.decode()}")
@@ -101,10 +103,10 @@ class SubprocessStream:
 
 
 def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
-    """Return the device that another process had, with its interface claimed."""
+    """Return the device that another process has opened before, with its interface claimed."""
     device = usb.core.find(idVendor=vendor, idProduct=product, bus=bus, address=address)
     if device is None:
-        raise usb.core.USBError("the camera isn't found again")
+        raise usb.core.USBError("the camera can't be found again")
     usb.util.claim_interface(device, 0)
     return device
 

@@ -1,4 +1,4 @@
-"""Reading a camera's stream: by requests that wait in libusb, or by one request at a time."""
+"""Reading of a camera's stream, by requests that are queued in libusb, or by one request at a time."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import usb.core
 COUNT, SIZE = 32, 1 << 16  # requests, and bytes of each
 COMPLETED, FAILED, TIMED_OUT, CANCELLED, NO_DEVICE = 0, 1, 2, 3, 5
 BULK, INTERRUPT = 2, 3
-MOST_FAULTS = 4 * COUNT  # requests that may fail until the device counts as gone
-PATIENCE = 1.0  # s that canceled requests may take
-# streams whose requests libusb still holds: their buffers must stay where they are as long as the process runs
+MOST_FAULTS = 4 * COUNT  # failed requests after which the device counts as disconnected
+PATIENCE = 1.0  # s that the end of canceled requests may take
+# streams whose requests libusb hasn't returned: their buffers must not be freed while the process runs
 _UNENDED: list[AsyncStream] = []
 
 
@@ -24,12 +24,12 @@ class Disconnected(Exception):
 
 
 class UsbStream(Protocol):
-    """Stream of a camera; `faults` counts requests that failed, whose bytes may be lost."""
+    """Protocol of a camera's stream; `faults` counts requests that failed, whose bytes may be lost."""
 
     faults: int
 
     def read(self, timeout: int) -> bytes:
-        """Return the bytes that arrive within `timeout` ms, maybe none. `Disconnected` if the device is gone."""
+        """Return the bytes that arrive within `timeout` ms, maybe none; raise `Disconnected` if the device is gone."""
 
     def close(self) -> None:
         """Stop reading."""
@@ -38,7 +38,7 @@ class UsbStream(Protocol):
 class SyncStream:
     """Stream read by one request at a time, through any backend of pyusb.
 
-    Between two of them no request waits, and the camera's 3 kB of memory may overflow.
+    Between two requests, the camera can't send, and its memory of 3 kB may overflow.
     """
 
     def __init__(self, device: Any, endpoint: int) -> None:
@@ -63,10 +63,10 @@ class _Timeval(ctypes.Structure):
 
 
 class AsyncStream:
-    """Stream read by several requests that wait in libusb, so that the camera can always send.
+    """Stream read by several requests that are queued in libusb, so that the camera can always send.
 
     Args:
-        lib: Library of libusb, as pyusb has it.
+        lib: The libusb library that pyusb has loaded.
         context: Context of libusb.
         handle: Handle of a device whose interface has been claimed.
         endpoint: Endpoint to read from.
@@ -84,7 +84,7 @@ class AsyncStream:
         self._done: deque[bytes] = deque()
         self._ending = False
         self.faults = 0
-        # those that libusb didn't take, or that failed: tried again
+        # requests that libusb refused, or that failed; they are submitted again
         self._idle: list[Any] = []
         self._gone = False
         self._waiting: dict[int, Any] = {}
@@ -114,7 +114,7 @@ class AsyncStream:
         request = transfer.contents
         self._waiting.pop(ctypes.addressof(request), None)
         if request.actual_length:
-            # a request that failed may have brought something, too
+            # a failed request may have received bytes, too
             self._done.append(ctypes.string_at(request.buffer, request.actual_length))
         if request.status in (COMPLETED, TIMED_OUT):
             if not self._ending:
@@ -159,7 +159,7 @@ class AsyncStream:
         while self._waiting and time.monotonic() < deadline:
             self._handle(20)
         if not self._waiting:
-            # a request that libusb still holds must not be freed
+            # a request that libusb hasn't returned must not be freed
             for transfer in self._transfers:
                 self._lib.libusb_free_transfer(transfer)
             self._transfers = []
@@ -168,7 +168,7 @@ class AsyncStream:
 
 
 def queued(device: Any, endpoint: int, *how: int) -> AsyncStream | None:
-    """Return requests that wait in libusb (see `AsyncStream`), or None if pyusb uses another backend."""
+    """Return an `AsyncStream` of the device, or None if pyusb uses another backend than libusb 1.0."""
     parts = _libusb(device)
     return None if parts is None else AsyncStream(*parts, endpoint, *how)
 

@@ -25,7 +25,7 @@ def journal(path, words, **how):
 
 def test_a_decoder_whose_times_may_fall_is_refused(tmp_path):
     words = [RESET, 0x8000 | 500, 0x2001, 0x8000 | 3, 0x2002]
-    with pytest.raises(FormatError, match=r"its first line doesn't say how to decode it: .* isn't steady"):
+    with pytest.raises(FormatError, match=r"the first line doesn't describe the decoder: .* isn't steady"):
         nvsdata.open(journal(tmp_path / "a.davis", words, steady=False))
     # a time that falls shows that the camera's clock went round
     assert nvsdata.read(journal(tmp_path / "a.davis", words)).t.tolist() == [500, 3 + (1 << 15)]

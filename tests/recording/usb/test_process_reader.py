@@ -81,7 +81,7 @@ def test_a_device_that_goes_away_there_is_gone_here():
 
 
 @pytest.mark.parametrize(
-    ("opener", "reason"), [(partial(failing, "no such device"), "no such device"), (dying, "died")]
+    ("opener", "reason"), [(partial(failing, "no such device"), "no such device"), (dying, "it ended")]
 )
 def test_a_process_that_cannot_begin(opener, reason):
     with pytest.raises(Disconnected, match=reason):
