@@ -1,4 +1,4 @@
-"""Folders of videos, played on a monitor and recorded to folders of recordings that `EventFolder` reads."""
+"""Recording of folders of videos that are played on a monitor; `EventFolder` reads the recordings."""
 
 from __future__ import annotations
 
@@ -54,12 +54,13 @@ class BatchOptions:
         format: Format of the recordings.
         limit: Record the first videos only (default: all).
         resume: Continue a batch.
-        calibration: Folder of a calibration, which has the corners of the screen (default: as most recordings show it).
-        strict: Refuse flagged recordings; see `content.Inspector`.
+        calibration: Folder of a calibration, which has the corners of the screen (default: the corners are those of
+            most recordings).
+        strict: Reject flagged recordings; see `content.Inspector`.
         accept_quiet: Accept recordings with hardly any events; see `content.Inspector`.
         on_alarm: Command for alarms (default: none).
         live: Show events in a window.
-        until_full: Begin although the disk seems too small.
+        until_full: Start even if the disk seems too small.
     """
 
     format: str = "hdf5"
@@ -75,10 +76,11 @@ class BatchOptions:
 
 @contextmanager
 def manifest_of(out: Path, videos: list[Video], rig: Rig, options: BatchOptions) -> Iterator[Manifest]:
-    """Yield the manifest of a folder of recordings, which is created if there is none, for a run with these `videos`.
+    """Yield the manifest of a folder of recordings for a run with these `videos`; create it if it doesn't exist.
 
-    FileExistsError for a folder with recordings, unless `options.resume` is true; ValueError for a folder whose
-    recordings were made with other settings.
+    Raises:
+        FileExistsError: The folder has recordings, and `options.resume` is false.
+        ValueError: The recordings of the folder were made with other settings.
     """
     out.mkdir(parents=True, exist_ok=True)
     monitor = rig.monitor
@@ -105,17 +107,19 @@ def manifest_of(out: Path, videos: list[Video], rig: Rig, options: BatchOptions)
 
 
 def record_videos(videos: list[Video], manifest: Manifest, rig: Rig, options: BatchOptions) -> FolderReport:
-    """Play and record every video that isn't done; each gets its line of the manifest as soon as it is done.
+    """Play and record every video that isn't done; the result of each is written to the manifest at once.
 
-    A video whose take fails its checks is recorded again after the others, at once if the camera was the reason. After
-    three failed takes the video has failed. The last 20 failed takes are kept in `.takes` of the manifest's folder,
-    untrimmed. If the camera is disconnected, the batch waits for it. If takes of several videos fail one after another,
-    the camera is reopened, then a video that was recorded before is tried. If that fails, too, the batch pauses and
-    runs the alarm (see `watch`). A video that can't be decoded fails, and the batch continues with the others. The
-    folder gets contact sheets, forty recordings per page, and `status.json`.
+    If a take fails its checks, its video is recorded again after the others; if the camera was the reason, at once.
+    After three failed takes the video has failed. The last 20 failed takes are kept, untrimmed, in `.takes` of the
+    manifest's folder. If the camera is disconnected, the batch waits for it. If takes of several videos fail one after
+    another, the camera is reopened, then a video that was recorded before is recorded again. If that fails, too, the
+    batch pauses and runs the alarm (see `watch`). A video that can't be decoded fails, and the batch continues with the
+    others. Contact sheets, with forty recordings per page, and `status.json` are written to the manifest's folder.
 
-    Raises CameraError if there is no camera at the start, OSError if nothing can be written or the disk is too small,
-    `BatchStopped` if nothing could be recorded for hours.
+    Raises:
+        CameraError: There is no camera at the start.
+        OSError: Nothing can be written, or the disk is too small.
+        BatchStopped: Nothing could be recorded for hours.
     """
     left = "--resume continues with the others"
     with (
@@ -128,7 +132,7 @@ def record_videos(videos: list[Video], manifest: Manifest, rig: Rig, options: Ba
 
 
 def _record(run: FolderRun, rig: Rig, options: BatchOptions, status: Status) -> None:
-    """Play and record the videos, see `record_videos`, and keep the status up to date."""
+    """Play and record the videos as described in `record_videos`, and update the status."""
     lines, out = run.manifest.videos, run.manifest.path.parent
     takes: Counter[str] = Counter()
     known = [line["content"] for line in lines.values() if line["status"] in DONE and "content" in line]
@@ -147,7 +151,7 @@ def _record(run: FolderRun, rig: Rig, options: BatchOptions, status: Status) -> 
         watch = Watch(status, options.on_alarm, cameras.drop, rig.monitor.wait, probe)
         cameras.watched_by(watch, status)
         waiting = deque(run.waiting)
-        given_up: dict[str, Video] = {}  # since the last good take
+        given_up: dict[str, Video] = {}  # videos that failed since the last good take
         while waiting:
             video = waiting.popleft()
             takes[video.name] += 1
@@ -174,7 +178,7 @@ def _record(run: FolderRun, rig: Rig, options: BatchOptions, status: Status) -> 
                     waiting.append(other)
                 if takes[video.name] < TAKES:
                     first = isinstance(reason, CameraError) and takes[video.name] == 1
-                    say_above_bar(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
+                    say_above_bar(f"{video.name}: {reason}; it is recorded again {'at once' if first else 'later'}")
                     (waiting.appendleft if first else waiting.append)(video)
                     continue
                 line |= {"status": "failed", "reason": str(reason)}
@@ -193,7 +197,7 @@ def _record(run: FolderRun, rig: Rig, options: BatchOptions, status: Status) -> 
 
 
 def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> Estimate:
-    """Return the time and disk that recording videos will need.
+    """Return the time and disk space that the recording of videos will need.
 
     Args:
         videos: Videos to record.
@@ -211,24 +215,24 @@ def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]],
 
 
 def _check_disk(run: FolderRun, rig: Rig, *, until_full: bool) -> None:
-    """Print the time and disk that the videos need; OSError if the disk is too small, unless `until_full`."""
+    """Print the needed time and disk space; raise OSError if the disk is too small, unless `until_full` is true."""
     lines = list(run.manifest.videos.values())
     expected = estimate_recording(run.waiting, lines, run.manifest.path.parent, rig.monitor.refresh)
     if not is_quiet():
         say_above_bar(str(expected))
     if expected.short and not until_full:
-        raise OSError(f"{expected}: free some, choose another disk, or record until it is full by --until-full")
+        raise OSError(f"{expected}: free some space, choose another disk, or record until it is full by --until-full")
 
 
 def _status_of(run: FolderRun) -> Status:
-    """Return the status of a batch at the begin of a run, with its earlier recordings."""
+    """Return the status of a batch at the start of a run, including the recordings of earlier runs."""
     look = sum("look" in run.manifest.videos[video.name] for video in run.kept)
     return Status(run.manifest.path.parent, len(run.videos), done=len(run.kept), look=look)
 
 
 @contextmanager
 def ended_status(status: Status) -> Iterator[Status]:
-    """Write the status now, and at the end of the block its outcome and reason."""
+    """Write the status now, and its outcome and reason at the end of the block."""
     status.set()
     try:
         yield status
@@ -244,8 +248,8 @@ def ended_status(status: Status) -> Iterator[Status]:
 def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
     """Show the state of the batch in the progress bar, each second.
 
-    Yields a function that takes a description of the present step. A thread draws, because a slow or stopped terminal
-    must not delay frames.
+    Yield a function that takes a description of the current step. A thread draws the bar, because a slow or stopped
+    terminal must not delay frames.
     """
     phase = ""
 
@@ -265,7 +269,7 @@ def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
 
 
 def _line(video: Video, camera: Camera) -> dict[str, Any]:
-    """Return the fields that each line of the manifest has."""
+    """Return the fields that a line of the manifest always has."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
     note = getattr(camera, "note", None)
     line = {"video": video.name, "status": "recorded", "when": now, "camera": camera.facts.serial}

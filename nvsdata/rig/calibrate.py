@@ -16,7 +16,7 @@ from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, STILL, pattern
 from nvsdata.video.frames import VideoFrame
 
-BLINK = 250_000  # µs from one image of the target to the other
+BLINK = 250_000  # µs between inversions of the target
 WATCHED = 4_000_000  # µs of a still screen whose flicker is measured
 MAINS = (100.0, 120.0)  # Hz at which lamps on mains flicker
 
@@ -24,8 +24,11 @@ MAINS = (100.0, 120.0)  # Hz at which lamps on mains flicker
 def calibrate(camera: Camera, monitor: Monitor, settings: CameraSettings, seconds: float | None) -> ScreenCalibration:
     """Show a target, then flashes and a still screen, and measure the screen from the camera's events.
 
-    Events are shown in a window all the time. The target is shown until Enter is pressed or `seconds` are over (None:
-    until Enter). `NoSync` if the camera doesn't see the screen.
+    Events are shown in a window all the time. The target is shown until Enter is pressed, or for `seconds`, unless they
+    are None.
+
+    Raises:
+        NoSync: The camera doesn't see the screen.
     """
     pieces: list[Events] = []
     aimed = False
@@ -34,7 +37,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: CameraSettings, second
 
         def watch(report: RecordingReport, events: Events) -> None:
             live.add(events)
-            # aiming may take an hour
+            # events during aiming, which may take an hour, are not kept
             if aimed:
                 pieces.append(events)
 
@@ -90,7 +93,7 @@ def _target(size: tuple[int, int]) -> np.ndarray:
 
 
 def _flashed(monitor: Monitor, part: int) -> tuple[list[float], list[bool]]:
-    """Flash the upper left of the region, 1 / `part` of its width and height; see `pattern` for the result."""
+    """Flash the upper left part of the region, 1 / `part` of its width and height; return the result of `pattern`."""
     width, height = monitor.region[2:]
     dim = np.full((height, width), DIM, np.uint8)
     bright = dim.copy()

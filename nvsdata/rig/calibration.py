@@ -1,4 +1,4 @@
-"""A screen in the view of a camera, measured from the events of flashes and of a still image."""
+"""Measurement of a screen in the view of a camera, from the events of flashes and of a still image."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from nvsdata.rig.clock_fit import LONGEST, ClockFit, NoSync
 FIGURES = "calibration.json"
 BIN = 500  # µs per bin of the event rate whose spectrum is taken
 SLOWEST = 20.0  # Hz; slower changes don't count as flicker
-NEAR = 1.0  # Hz by which a line may be off its expected frequency
-STRONG = 12.0  # times the noise that a line of the spectrum must exceed
-SEEN = 0.5  # fraction of the flashes that a pixel of the screen must have seen
-LEAST = 0.02  # of the sensor that the screen must cover
+NEAR = 1.0  # Hz by which a spectral line may be off its expected frequency
+STRONG = 12.0  # factor by which a spectral line must exceed the noise
+SEEN = 0.5  # fraction of the flashes that a pixel of the screen must have recorded
+LEAST = 0.02  # fraction of the sensor that the screen must cover
 ZOOM = 3  # pixels of the image per pixel of the sensor
-HIGHEST = 400.0  # Hz that are drawn
+HIGHEST = 400.0  # Hz; highest frequency that is drawn
 Rectangle = tuple[int, int, int, int]
 Round = Callable[[float], float]
 
@@ -36,15 +36,15 @@ class ScreenCalibration:
     """Measurements of a calibration.
 
     Args:
-        response: Fraction of the flashes that each pixel saw, [H, W].
+        response: Fraction of the flashes that each pixel recorded, [H, W].
         corners: Positions (x, y) on the sensor of the upper left, upper right, lower right and lower left corner of the
             region of the screen that shows videos, [4, 2].
-        roi: (x, y, width, height) of the pixels that see any of that region.
-        crop: (x, y, width, height) of the largest upright rectangle in it.
+        roi: (x, y, width, height) of the smallest upright rectangle around these corners, in pixels of the sensor.
+        crop: (x, y, width, height) of an upright rectangle inside the region, in pixels of the sensor.
         cover: Fraction of the sensor that the screen fills.
         frequencies: Frequencies of the spectrum in Hz.
         spectrum: Spectrum of the event rate of a still screen, relative to the noise.
-        flicker: Frequency (Hz) and height of the lines that rise above the noise.
+        flicker: Height of each spectral line above the noise, relative to the noise, by frequency (Hz).
     """
 
     response: np.ndarray
@@ -58,7 +58,14 @@ class ScreenCalibration:
 
 
 def response(events: Events, line: ClockFit, shown: list[float], bright: list[bool]) -> np.ndarray:
-    """Return the fraction of the flashes that each pixel saw, [H, W]."""
+    """Return the fraction of the flashes that each pixel recorded, [H, W].
+
+    Args:
+        events: Events of the camera.
+        line: Fit of camera time to host time.
+        shown: Host times (µs) of the flashes.
+        bright: True for each flash to bright, False to dim.
+    """
     width, height = events.sensor_size
     seen = np.zeros(width * height)
     for host, rising in zip(shown, bright, strict=True):
@@ -72,11 +79,12 @@ def response(events: Events, line: ClockFit, shown: list[float], bright: list[bo
 def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
     """Return the corners of the screen [4, 2], in the order of `ScreenCalibration`.
 
-    `NoSync` if too few pixels see the screen, or none sees the quarter.
-
     Args:
-        screen: Fraction of the flashes of the entire screen that each pixel saw, [H, W].
-        quarter: The same for flashes of its upper left quarter.
+        screen: Fraction of the flashes of the entire screen that each pixel recorded, [H, W].
+        quarter: The same for flashes of the screen's upper left quarter.
+
+    Raises:
+        NoSync: Too few pixels see the screen, or none sees the quarter.
     """
     corners, largest = outline_of(screen)
     place = np.argwhere((quarter >= SEEN) & largest)
@@ -88,12 +96,13 @@ def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
 
 
 def outline_of(screen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the screen [4, 2], clockwise on the sensor, and the mask of the pixels that see it, bool [H, W].
-
-    `NoSync` if too few pixels see the screen.
+    """Return the screen's corners [4, 2], clockwise on the sensor, and the mask of the pixels that see it, bool [H, W].
 
     Args:
-        screen: As for `corners_of`.
+        screen: Fraction of the flashes that each pixel recorded, [H, W].
+
+    Raises:
+        NoSync: Too few pixels see the screen.
     """
     seen = cv2.morphologyEx((screen >= SEEN).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(seen)
@@ -106,7 +115,7 @@ def outline_of(screen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quadrilateral(hull: np.ndarray) -> np.ndarray:
-    """Four of the hull's corners, clockwise as seen: [4, 2]."""
+    """Return four corners of a convex hull, clockwise in the image, [4, 2]."""
     length = cv2.arcLength(hull, True)
     for share in np.linspace(0.01, 0.2, 39):
         found = cv2.approxPolyDP(hull, share * length, True)
@@ -120,7 +129,7 @@ def _quadrilateral(hull: np.ndarray) -> np.ndarray:
 
 
 def _refined(rough: np.ndarray, contour: np.ndarray) -> np.ndarray:
-    """Corners where the lines through the contour's sides meet; `rough` itself if a side has too few points."""
+    """Return the intersections of lines fitted to the contour's sides, [4, 2]; `rough` if a side has too few points."""
     sides = []
     for a, b in zip(rough, np.roll(rough, -1, 0), strict=True):
         along = (b - a) / np.linalg.norm(b - a)
@@ -136,7 +145,7 @@ def _refined(rough: np.ndarray, contour: np.ndarray) -> np.ndarray:
 
 
 def rectangles(corners: np.ndarray, size: tuple[int, int]) -> tuple[Rectangle, Rectangle, float]:
-    """Return the region of interest, the crop, and the fraction of the sensor that the screen fills."""
+    """Return `roi`, `crop` and `cover` of `ScreenCalibration` for corners on a sensor of `size` (width, height)."""
     xs, ys = np.sort(corners[:, 0]), np.sort(corners[:, 1])
     cover = cv2.contourArea(corners.astype(np.float32)) / (size[0] * size[1])
     outer = _rectangle((xs[0], ys[0]), (xs[3], ys[3]), size, np.floor, np.ceil)
@@ -147,7 +156,7 @@ def rectangles(corners: np.ndarray, size: tuple[int, int]) -> tuple[Rectangle, R
 def _rectangle(
     first: tuple[float, float], last: tuple[float, float], size: tuple[int, int], low: Round, high: Round
 ) -> Rectangle:
-    """Whole pixels from `first` to `last` and within the sensor: x, y, width, height."""
+    """Return (x, y, width, height) of the pixels from `first` to `last` within the sensor; `low` and `high` round."""
     sides = []
     for a, b, limit in zip(first, last, size, strict=True):
         begin = min(max(int(low(a)), 0), limit - 1)
@@ -157,18 +166,18 @@ def _rectangle(
 
 
 def spectrum_of(events: Events, start: int, duration: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz), and the amplitude of the event rate at each, relative to that of noise at the same rate."""
+    """Return frequencies (Hz), and the amplitude of the event rate at each, relative to noise of the same mean rate."""
     bins = duration // BIN
     counts = np.bincount(np.clip((events.t - start) // BIN, 0, bins - 1), minlength=bins).astype(np.float64)
     window = np.hanning(bins)
     amplitude = np.abs(np.fft.rfft((counts - counts.mean()) * window))
-    # for independent counts, the expected square of the amplitude is their sum under the squared window
+    # for independent counts, the expected squared amplitude is their mean times the sum of the squared window
     noise = np.sqrt(max(counts.mean(), 1e-9) * (window**2).sum())
     return np.fft.rfftfreq(bins, BIN / 1e6), amplitude / noise
 
 
 def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[float, ...]) -> dict[float, float]:
-    """Frequency (Hz) and height of lines that rise above the noise: those near `expected`, and the highest of all."""
+    """Return the height of spectral lines above the noise by frequency (Hz): those near `expected`, and the highest."""
     found = {}
     counted = frequencies >= SLOWEST
     floor = max(float(np.median(spectrum[counted])), 1.0)
@@ -183,10 +192,10 @@ def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[floa
 
 
 def calibration_summary(found: ScreenCalibration, size: tuple[int, int]) -> str:
-    """Return the calibration in a few lines; `size` is the sensor's."""
+    """Return the calibration as text of a few lines; `size` is (width, height) of the sensor."""
     places = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in found.corners)
     lines = [
-        f"the screen's corners, from the upper left one clockwise: {places}; it fills {found.cover:.0%} of the sensor",
+        f"screen corners, clockwise from the upper left: {places}; the screen fills {found.cover:.0%} of the sensor",
         f"region of interest: --region {' '.join(map(str, found.roi))}; largest upright crop: {found.crop}",
     ]
     x, y, width, height = found.roi
@@ -202,10 +211,11 @@ def calibration_summary(found: ScreenCalibration, size: tuple[int, int]) -> str:
     ]
     if beyond:
         lines.append(
-            f"the screen reaches the edge of the view ({', '.join(beyond)}): move back, or choose another lens"
+            f"the screen reaches the edge of the view ({', '.join(beyond)}): move the camera back, or use another lens"
         )
     peaks = ", ".join(f"{frequency:g} Hz ({height:g} times the noise)" for frequency, height in found.flicker.items())
-    lines.append(f"flicker: {peaks}: choose another refresh, or a monitor without it" if peaks else "no flicker found")
+    cure = "choose another refresh rate, or a monitor without flicker"
+    lines.append(f"flicker: {peaks}: {cure}" if peaks else "no flicker found")
     return "\n".join(lines)
 
 
@@ -226,13 +236,13 @@ def write_calibration(found: ScreenCalibration, settings: CameraSettings, size: 
     shown = (found.frequencies >= SLOWEST) & (found.frequencies <= HIGHEST)
     spectrum = found.spectrum[shown]
     lines = [("rate of events", spectrum.tolist())]
-    title = "flicker of a still screen: height over noise"
+    title = "flicker of a still screen: amplitude relative to noise"
     ends = (SLOWEST, HIGHEST)
     save_png(curves(lines, title, "Hz", highest=max(float(spectrum.max()), STRONG), ends=ends), out / "flicker.png")
 
 
 def corners_in(folder: Path) -> list[list[float]]:
-    """The screen's corners that a calibration found, from its folder. FormatError if the file is damaged."""
+    """Return the screen's corners from the folder of a calibration; raise FormatError if the file is damaged."""
     path = folder / FIGURES
     try:
         corners: list[list[float]] = np.array(json.loads(path.read_text())["corners"], float).reshape(4, 2).tolist()
@@ -242,12 +252,12 @@ def corners_in(folder: Path) -> list[list[float]]:
 
 
 def _picture(found: ScreenCalibration) -> np.ndarray:
-    """Draw the pixels that saw the flashes, with corners, region and crop: uint8 [H, W, 3], BGR."""
+    """Draw the pixels that recorded the flashes, with corners, region and crop; return uint8 [H, W, 3], BGR."""
     gray = (found.response * 255).astype(np.uint8).repeat(ZOOM, 0).repeat(ZOOM, 1)
-    picture = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
+    image = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
     corners = ((found.corners + 0.5) * ZOOM).round().astype(np.int32)
-    cv2.polylines(picture, [corners], True, ON, 2, cv2.LINE_AA)
-    cv2.circle(picture, corners[0].tolist(), 6, ON, -1, cv2.LINE_AA)
+    cv2.polylines(image, [corners], True, ON, 2, cv2.LINE_AA)
+    cv2.circle(image, corners[0].tolist(), 6, ON, -1, cv2.LINE_AA)
     for (x, y, width, height), color in ((found.roi, OFF), (found.crop, (60, 200, 60))):
-        cv2.rectangle(picture, (x * ZOOM, y * ZOOM), ((x + width) * ZOOM - 1, (y + height) * ZOOM - 1), color, 1)
-    return picture
+        cv2.rectangle(image, (x * ZOOM, y * ZOOM), ((x + width) * ZOOM - 1, (y + height) * ZOOM - 1), color, 1)
+    return image

@@ -1,4 +1,4 @@
-"""The camera of a batch in front of its monitor, found again after it was disconnected."""
+"""Access to the camera of a batch, which is opened again after a disconnection."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Rig:
     """A camera in front of a monitor.
 
     Args:
-        find: Opens the camera; called again after the camera was disconnected.
+        find: Function that opens the camera; it is called again after a disconnection.
         monitor: Monitor that plays the videos.
         settings: Settings of the camera.
     """
@@ -33,7 +33,7 @@ class Rig:
 
 
 class Cameras:
-    """Holder of the camera, which is found again after it was disconnected."""
+    """Access to the camera, which is opened again after a disconnection."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
@@ -46,7 +46,12 @@ class Cameras:
         self._watched = watch, status
 
     def get(self) -> Camera:
-        """Return the camera; wait for it if it was connected before. ValueError for settings that it doesn't have."""
+        """Return the camera; wait for it if it was connected before.
+
+        Raises:
+            CameraError: The camera can't be opened for the first time.
+            ValueError: The camera doesn't have these settings.
+        """
         reason, since = "", host_time()
         while self._camera is None:
             try:
@@ -59,12 +64,12 @@ class Cameras:
                     raise
                 if str(error) != reason:
                     reason = str(error)
-                    say_above_bar(f"{reason}: waiting for it")
+                    say_above_bar(f"{reason}: waiting for the camera")
                 if self._watched is not None:
                     watch, status = self._watched
                     status.set(state="waiting for the camera")
                     if host_time() - since > MISSED:
-                        watch.alarm(f"the camera has been gone for {MISSED / 60e6:.0f} minutes: {reason}")
+                        watch.alarm(f"the camera has been disconnected for {MISSED / 60e6:.0f} minutes: {reason}")
                         since = float("inf")
                 self._rig.monitor.wait(host_time() + RETRY)
         return self._camera

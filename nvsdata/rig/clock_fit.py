@@ -1,4 +1,4 @@
-"""Fit of camera time to host time, by flashes of a screen that the camera sees."""
+"""Fit of camera time to host time, by flashes of a screen in front of the camera."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from nvsdata.data.events import Events
 
 BIN = 1_000  # µs of the coarse search
 PLACES = 4  # candidates for the position of the pattern that are examined
-SMEAR = 5  # bins that a flash's events spread over
-LONGEST = 25_000  # µs of events of a flash: a screen changes line by line, and the readout rate is limited
+SMEAR = 5  # bins over which the events of a flash spread
+LONGEST = 25_000  # µs that the events of a flash last: a screen changes line by line, and the readout is limited
 ONSET = 0.05  # fraction of a flash's events after which it counts as begun
-NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 Hz
-GROUP = 3e6  # µs that a group of flashes takes at most
-MOST_DRIFT = 500e-6  # of the camera's clock against the host's
+NEAR = 12_000  # µs by which a flash may differ from its expected time: less than a frame at 60 Hz
+GROUP = 3e6  # µs; longest duration of a group of flashes
+MOST_DRIFT = 500e-6  # largest drift of the camera's clock relative to the host's
 A_REFRESH = 34_000  # µs by which the slowest screens may show a frame late
 LEAST = 0.6  # fraction of the flashes that must be found
-LOOSE = 400.0  # µs that a flash may be off the fit, however close the others are
+LOOSE = 400.0  # µs by which a flash may always be off the fit
 
 
 class NoSync(ValueError):
-    """Reason why the flashes can't be matched with the events."""
+    """The flashes can't be matched with the events; the message has the reason."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class ClockFit:
     Args:
         offset: Camera time at host time 0, in µs.
         drift: Relative difference of the clocks' speeds.
-        residual: Median distance of the flashes from that line (µs).
-        used: Number of flashes that agree with it.
+        residual: Median distance of the flashes from this line, in µs.
+        used: Number of flashes that agree with the line.
         flashes: Number of all flashes.
     """
 
@@ -55,8 +55,11 @@ class ClockFit:
 
 
 def flashes(length: int = 31) -> np.ndarray:
-    """Return the brightness, 0 or 1, of each step of the pattern: a maximum length sequence, unlike any shift of it."""
-    # it begins with a single flash; scipy.signal has such sequences, too, but its import takes a second
+    """Return the brightness, 0 or 1, of each step of the flash pattern.
+
+    The pattern is a maximum length sequence, which hardly correlates with its shifts.
+    """
+    # the sequence begins with a single flash; scipy.signal has such sequences, but importing it takes a second
     bits = [1, 0, 0, 0, 0]
     while len(bits) < 31:
         bits.append(bits[-5] ^ bits[-3])
@@ -66,18 +69,21 @@ def flashes(length: int = 31) -> np.ndarray:
 def fit_clock(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
     """Match the flashes of a screen with the events or triggers that they caused, and fit camera time to host time.
 
-    The flashes may be several groups, such as before and after a video; events in between may be left out. A flash
-    that came later than the host thought, or not at all, is an outlier and left out. NoSync if too few agree.
+    The flashes may be several groups, such as before and after a video; events between groups may be missing. A flash
+    that was shown late, or not at all, is an outlier and left out.
 
-    The flashes are first found as a pattern by correlation at 1 ms, beginning with the first group, then each by the
-    time at which its events begin, and a line is fitted to those that agree. ON and OFF may have different delays;
-    their mean is taken as the camera's.
+    First, the pattern of a group of flashes is found by correlation, with a resolution of 1 ms. Then each flash is
+    located by the time at which its events begin, and a line is fitted to the flashes that agree. ON and OFF events may
+    have different delays; the mean of both is taken as the delay of the camera.
 
     Args:
-        seen: The camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen: one
-            at each flash to bright, and maybe others.
-        shown: Host times (µs, rising) at which the whole screen changed, [n].
-        bright: True for changes to bright (ON events), False for changes to dark (OFF), [n].
+        seen: The camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen. There
+            is a trigger at each flash to bright, and there may be others.
+        shown: Host times (µs, rising) at which the entire screen changed, [n].
+        bright: True for changes to bright (ON events), False for changes to dark (OFF events), [n].
+
+    Raises:
+        NoSync: Too few flashes agree.
     """
     host, rising = np.asarray(shown, np.float64), np.asarray(bright, bool)
     sight: _Rates | _Triggers
@@ -94,24 +100,27 @@ def fit_clock(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarra
     camera = max(tried, key=lambda times: int(np.isfinite(times).sum()))
     found = np.isfinite(camera)
     if found.sum() < max(6, LEAST * host.size):
-        raise NoSync(f"of {host.size} flashes the camera saw {int(found.sum())}: point it at the entire screen")
+        raise NoSync(f"the camera saw only {int(found.sum())} of {host.size} flashes: point it at the entire screen")
     offset, slope, residual, used = _line(host[found], camera[found], rising[found])
     if used < LEAST * host.size:
-        raise NoSync(f"of {host.size} flashes only {used} agree in time")
+        raise NoSync(f"only {used} of {host.size} flashes agree in time")
     if abs(slope - 1) > MOST_DRIFT:
-        off, late = f"a clock that is {abs(slope - 1) * 1e6:.0f} ppm off", (slope - 1) * np.ptp(host)
+        off, late = f"the camera's clock is {abs(slope - 1) * 1e6:.0f} ppm off", (slope - 1) * np.ptp(host)
         if abs(late) <= A_REFRESH:
             raise NoSync(
-                f"{off}, or flashes shown up to {abs(late) / 1e3:.0f} ms late: is the screen's refresh as stated?"
+                f"{off}, or flashes were shown up to {abs(late) / 1e3:.0f} ms late: check the screen's refresh rate"
             )
-        raise NoSync(f"{off} isn't this camera's")
+        raise NoSync(f"{off}, which is implausible: the flashes may be matched wrongly")
     return ClockFit(offset, slope - 1, residual, used, host.size)
 
 
 def _matched(
     sight: _Rates | _Triggers, host: np.ndarray, rising: np.ndarray, group: np.ndarray, offset: float
 ) -> np.ndarray:
-    """Return camera times of the flashes, NaN for those not found, if the first `group` is `offset` from host time."""
+    """Return the camera times of the flashes, NaN for those not found.
+
+    For the first `group`, camera time minus host time is `offset` (µs).
+    """
     camera = np.full(host.size, np.nan)
     for n in range(host.size):
         # after the first group, the last flashes predict the next one, less accurately after a longer time
@@ -136,18 +145,18 @@ class _Rates:
         self.events, self.count = events, len(events)
 
     def coarse(self, host: np.ndarray, rising: np.ndarray) -> list[float]:
-        """Likely camera time minus host time, by correlation of the flashes with the rate of ON minus OFF events."""
+        """Return likely values of camera time minus host time (µs), where flashes correlate with ON - OFF events."""
         events = self.events
         first = int(events.t[0])
         bins = (events.t - first) // BIN
         rate = np.bincount(bins, np.where(events.p, 1.0, -1.0))
-        # a burst counts by the square root of its size, or one bright object would outweigh the pattern
+        # a burst counts by the square root of its size, so that one bright object doesn't outweigh the pattern
         rate = np.sign(rate) * np.sqrt(np.abs(rate))
         places = _pattern(np.convolve(rate, np.ones(SMEAR), "full")[SMEAR - 1 :], host, rising)
         return [first + place for place in places]
 
     def near(self, expected: float, rising: bool, near: float) -> float:
-        """Time at which a flash's events begin, around where it is expected; NaN if there is no flash."""
+        """Return the time at which a flash's events begin, within `near` µs of `expected`; NaN if there is no flash."""
         events = self.events
         lo, hi = np.searchsorted(events.t, (expected - near, expected + near + LONGEST))
         t = events.t[lo:hi][events.p[lo:hi] == rising]
@@ -170,7 +179,7 @@ class _Rates:
 
 
 def _above(counts: np.ndarray, peak: int, level: float) -> tuple[int, int]:
-    """First and last bin of the run around the peak that is above a level; gaps of two bins at most are part of it."""
+    """Return the first and last bin of the run above `level` around the peak; gaps of up to two bins belong to it."""
     high = np.flatnonzero(counts > level)
     at = int(np.searchsorted(high, peak))
     breaks = np.flatnonzero(np.diff(high) > 3)
@@ -187,13 +196,13 @@ class _Triggers:
         self.times, self.count = times, times.size
 
     def coarse(self, host: np.ndarray, rising: np.ndarray) -> list[float]:
-        """Likely camera time minus host time, by correlation of the flashes with the triggers."""
+        """Return likely values of camera time minus host time (µs), where flashes correlate with triggers."""
         counts = np.bincount(((self.times - self.times[0]) // BIN).astype(np.int64))
         near = np.convolve(counts > 0, np.ones(SMEAR), "full")[SMEAR - 1 :]
         return [float(self.times[0]) + place for place in _pattern(near, host, rising)]
 
     def near(self, expected: float, rising: bool, near: float) -> float:
-        """Time of the trigger that is nearest to the expected time; NaN if none is near."""
+        """Return the time of the trigger nearest to `expected`; NaN if none is within `near` µs."""
         distance = np.abs(self.times - expected)
         best = int(distance.argmin())
         return float(self.times[best]) if distance[best] <= near else float("nan")
@@ -202,7 +211,7 @@ class _Triggers:
 def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> list[float]:
     """Return the shifts at which `rate` correlates best with the flashes: µs since its first bin, minus host time."""
     steps = np.rint((host - host[0]) / BIN).astype(np.int64)
-    # some flashes may lie before the first event and after the last one
+    # some flashes may be before the first event and after the last one
     around = np.zeros(int(steps[-1]) + SMEAR)
     padded = np.concatenate((around, rate, around))
     places = np.arange(padded.size - int(steps[-1]))
@@ -218,7 +227,7 @@ def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> list[flo
 
 
 def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[float, float, float, int]:
-    """Return offset and slope of the line through most flashes, their median distance from it, and their number."""
+    """Return offset and slope of the line near most flashes, the median distance of these from it, and their number."""
     middle = host.mean()
     columns = np.stack((np.ones(host.size), host - middle, np.where(rising, 0.5, -0.5)), 1)
     if rising.all() or not rising.any():
@@ -240,9 +249,9 @@ def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[flo
 
 
 def _agreeing(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> np.ndarray:
-    """Return the mask of the flashes near one line: of all lines through two flashes, the one with most flashes.
+    """Return the mask of the flashes near one line, of all lines through two flashes that with most flashes nearby.
 
-    ON and OFF may each have a delay of their own.
+    ON and OFF may have different delays.
     """
     best = np.ones(host.size, bool)
     most = 0

@@ -25,9 +25,10 @@ SPAN = 40_000  # µs of events in an image
 
 
 class Sheets:
-    """`out/contact-sheet-001.png` and so on, each drawn when all its videos are done, or when the block ends.
+    """Contact sheets `out/contact-sheet-001.png` and so on; use it in a `with` block.
 
-    At the end `contact-sheet-000.png` shows up to forty flagged recordings, if there are any.
+    Each sheet is drawn when all its videos are done, or when the block ends. Then `contact-sheet-000.png` is drawn with
+    up to forty flagged recordings, if there are any.
     """
 
     def __init__(self, out: Path, videos: list[Video], manifest: Manifest) -> None:
@@ -53,7 +54,7 @@ class Sheets:
         return self
 
     def __exit__(self, *_: object) -> None:
-        # an error that ended the block must not be hidden by one of drawing
+        # an error of drawing must not hide the error that ended the block
         with suppress(OSError):
             for page in sorted(self._stale):
                 self._draw(page)
@@ -96,7 +97,7 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
 
 
 def _short(name: str) -> str:
-    """Return the name of a video with its folder, without the extension; of a long name only the distinctive end."""
+    """Return the name of a video with its folder, without the extension; of a long name only the end."""
     text = Path(name).with_suffix("").as_posix()
     return text if len(text) <= LONGEST else f"..{text[2 - LONGEST :]}"
 
@@ -107,18 +108,18 @@ def _middle(path: Path) -> np.ndarray:
         capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         try:
             capture.set(cv2.CAP_PROP_POS_FRAMES, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) // 2)
-            ok, picture = capture.read()
+            ok, image = capture.read()
         finally:
             capture.release()
-    return np.asarray(picture) if ok else np.full((*TILE[::-1], 3), 128, np.uint8)
+    return np.asarray(image) if ok else np.full((*TILE[::-1], 3), 128, np.uint8)
 
 
-def _fitted(picture: np.ndarray) -> np.ndarray:
-    """Scale an image to fit a tile, with its aspect ratio."""
-    height, width = picture.shape[:2]
+def _fitted(image: np.ndarray) -> np.ndarray:
+    """Scale an image to fit a tile, and keep its aspect ratio."""
+    height, width = image.shape[:2]
     scale = min(TILE[0] / width, TILE[1] / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
     tile = np.full((TILE[1], TILE[0], 3), 220, np.uint8)
     x, y = (TILE[0] - size[0]) // 2, (TILE[1] - size[1]) // 2
-    tile[y : y + size[1], x : x + size[0]] = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    tile[y : y + size[1], x : x + size[0]] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return tile

@@ -1,4 +1,4 @@
-"""Quality of a recording of a video, compared with the events that PIX2NVS emulates for the video."""
+"""Quality of a recording of a video, by comparison with the events that PIX2NVS emulates for the video."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.motion import BIN, emulated, histogram
 from nvsdata.rig.sync import ScreenRecording, TakeRejected, around_flashes
 
-BLOCK = 5  # bins in which events may come early or late
-FEWEST = 1_000  # emulated events within a second that a comparison needs
+BLOCK = 5  # bins of a block, within which events may be early or late
+FEWEST = 1_000  # emulated events in the busiest second that a comparison needs
 ABSENT = 0.1  # fraction of the expected events below which they count as missing
-SILENT = 30  # expected events of noise from which on silence means that events are missing
-COUNTED = 50  # expected events from which on their absence is significant
-# limits of unflagged recordings; those of the batch are relative to the median of its other recordings
+SILENT = 30  # expected noise events from which a time without any event means that events are missing
+COUNTED = 50  # expected events from which their absence is significant
+# limits beyond which a recording is flagged; those in `RELATIVE` are relative to the median of the other recordings
 LONGEST_GAP = 100.0  # ms
-LEAST_COVER = 0.25  # of the sensor
-MOST_ASPECT = 1.35  # by which the screen's width to height may be off
+LEAST_COVER = 0.25  # fraction of the sensor
+MOST_ASPECT = 1.35  # factor by which the screen's aspect ratio may be off
 MOST_HIDDEN, MOST_STRAY, MOST_NOISE = 0.25, 0.2, 10.0
 LEAST_SCALE, MOST_SCALE = 0.1, 10.0
 RELATIVE = {"scale": (0.3, 3.3), "cover": (0.8, 1.25), "seen": (0.7, np.inf)}
-MOVED = 5.0  # pixels that a corner may be off
-ENOUGH = 3  # recordings from which on their median is used
+MOVED = 5.0  # pixels by which a corner may be off
+ENOUGH = 3  # recordings from which their median is used
 
 
 @dataclass(frozen=True)
 class Content:
-    """Figures of a recording.
+    """Measured quality of a recording.
 
     Args:
         emulated: Events that PIX2NVS emulates for the video in the same view.
         scale: Recorded events per emulated event, median over time; None for a quiet video.
-        gap: ms, the longest time without events in which the video moves.
+        gap: Longest time in ms without events in which the video moves.
         hidden: Fraction of the video's motion, by place, without events.
         stray: Fraction of the recorded events that the video's motion doesn't explain.
-        noise: Hz per pixel while the first frame stood still.
+        noise: Event rate in Hz per pixel while the first frame is still.
         cover: Fraction of the sensor that sees the screen.
-        seen: Mean fraction of the screen's pixels that saw a flash.
+        seen: Mean fraction of the flashes that a pixel of the screen recorded.
         corners: Corners of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels, or None.
     """
 
@@ -65,7 +65,7 @@ class Content:
         return self.scale is None and self.corners is not None
 
     def as_dict(self) -> dict[str, Any]:
-        """The figures for a manifest."""
+        """Return the values for a manifest."""
         return {k: round(v, 4) if isinstance(v, float) else v for k, v in asdict(self).items()}
 
 
@@ -85,9 +85,9 @@ class Inspector:
 
     Args:
         monitor: Monitor that shows the videos.
-        corners: Corners of the screen in view by calibration, [4, 2] (default: as most recordings show it).
-        others: Figures of the batch's recordings so far, as `Content.as_dict` returns them.
-        strict: Refuse flagged recordings (default False: only list them).
+        corners: Corners of the screen on the sensor, by calibration, [4, 2] (default: the median of other recordings).
+        others: Quality of the batch's recordings so far, as `Content.as_dict` returns it.
+        strict: Reject flagged recordings (default False: only list them).
         accept_quiet: Accept recordings with hardly any events of videos that move (default False).
     """
 
@@ -98,9 +98,10 @@ class Inspector:
     accept_quiet: bool = False
 
     def judged(self, span: Span, video: Path, events: int) -> dict[str, Any]:
-        """Return the manifest's fields for a recording with `events` events: figures, and reasons for a review.
+        """Return the manifest's fields for a recording with `events` events: its quality, and reasons for a review.
 
-        `TakeRejected` if it has too few events, or, when `strict`, if anything about it is unusual.
+        Raises:
+            TakeRejected: The recording has too few events, or, if `strict` is true, there are reasons for a review.
         """
         found, seconds = self.measure(span, video), (span.stop - span.start) / MICROSECONDS
         fewest = FEWEST * seconds
@@ -109,7 +110,9 @@ class Inspector:
             fewest = min(fewest, LEAST_SCALE * found.emulated)
         if not (found.quiet or self.accept_quiet) and events < fewest:
             due = (
-                f"its motion should cause about {found.emulated}" if found.emulated else "hardly a pixel saw the screen"
+                f"the video's motion should cause about {found.emulated}"
+                if found.emulated
+                else "hardly any pixel saw the screen"
             )
             raise TakeRejected(f"{events} events in {seconds:.2f} s are too few: {due}")
         doubts = self.doubts(found)
@@ -131,24 +134,24 @@ class Inspector:
         due = emulated(video, self.monitor, np.array(place, np.float32), size, bins, span.line.drift)
         scale, gap, hidden, stray = _compared(found, due, noise.counts)
         if silence * noise.hertz * size[0] * size[1] / MICROSECONDS > SILENT:
-            # without even noise, events are missing
+            # if there isn't even noise, events are missing
             gap = max(gap, silence / 1e3)
         return Content(int(due.sum()), scale, gap, hidden, stray, noise.hertz, cover, seen, corners)
 
     def _screen(self, span: Span) -> tuple[list[list[float]] | None, float, float]:
-        """Return the screen's corners, its fraction of the sensor, and the mean fraction of it that saw a flash."""
+        """Return `corners`, `cover` and `seen` of `Content`."""
         done = span.take.performance
         share = response(around_flashes(span.take), span.line, done.flashes, done.bright)
         try:
             corners, mask = outline_of(share)
         except NoSync:
             return None, 0.0, 0.0
-        # a camera stands upright unless a calibration says otherwise
+        # the camera is assumed to be upright
         corners = np.roll(corners, -int(corners.sum(1).argmin()), 0)
         return corners.round(2).tolist(), float(mask.mean()), float(share[mask].mean())
 
     def doubts(self, found: Content) -> list[str]:
-        """List what is unusual about a recording; empty if nothing is."""
+        """Return reasons for a review of a recording; empty if there are none."""
         reasons = []
         if found.corners is None:
             reasons.append("too few pixels see the screen")
@@ -165,11 +168,11 @@ class Inspector:
         if found.noise > MOST_NOISE:
             reasons.append(f"{found.noise:.0f} Hz of noise per pixel before the video")
         if found.scale is not None and not LEAST_SCALE <= found.scale <= MOST_SCALE:
-            reasons.append(f"{found.scale:.2g} times the events that its motion should cause")
+            reasons.append(f"{found.scale:.2g} times the events that the video's motion should cause")
         return reasons + self._compared_with_others(found)
 
     def _unusual_view(self, corners: list[list[float]], cover: float) -> list[str]:
-        """List what is unusual about the screen's place in view, if there is no calibration to compare it with."""
+        """Return reasons for a review by the screen's place on the sensor, without a calibration."""
         sides = np.hypot(*np.diff(np.array([*corners, corners[0]]), axis=0).T)
         wide, high = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
         aspect = wide / max(high, 1) * self.monitor.size[1] / self.monitor.size[0]
@@ -179,7 +182,8 @@ class Inspector:
 
     def _compared_with_others(self, found: Content) -> list[str]:
         reasons = []
-        names = {"scale": "events for its motion", "cover": "of the sensor sees the screen", "seen": "of each flash"}
+        names = {"scale": "recorded events per emulated event", "cover": "fraction of the sensor that sees the screen"}
+        names["seen"] = "fraction of the flashes that a pixel recorded"
         for name, (low, high) in RELATIVE.items():
             value, usual = getattr(found, name), self._usual(name)
             if value is not None and usual and not low <= value / usual <= high:
@@ -192,7 +196,7 @@ class Inspector:
         return reasons
 
     def _usual(self, name: str) -> Any:
-        """Return the median of the other recordings, None if there are too few."""
+        """Return the median of a value over the other recordings, None if there are too few."""
         values = [other[name] for other in self.others if other.get(name) is not None]
         return np.median(np.array(values), 0) if len(values) >= ENOUGH else None
 
@@ -212,7 +216,7 @@ def _noise(span: Span, size: tuple[int, int]) -> _Noise:
 
 
 def _counts(recording: Recording, start: int, stop: int, bins: int) -> tuple[np.ndarray, int]:
-    """Events per bin of time and cell, [bins, cells], and the longest time (µs) without any; read piece by piece."""
+    """Return the numbers of events per time bin and cell, [bins, cells], and the longest time (µs) without events."""
     parts, last, silence = [], start, 0
     for first in range(0, bins, 20):
         begin, count = start + first * BIN, min(20, bins - first)
@@ -230,13 +234,13 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
     second = min(MICROSECONDS // BIN, len(due))
     busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()
     if busiest < FEWEST * min(seconds, 1.0):
-        # other events aren't caused by the video
+        # the video should cause hardly any events, so all events count as stray
         return None, 0.0, 0.0, _stray(found, np.zeros_like(due), noise)
     in_time, found_in_time = due.sum(1), found.sum(1) - noise.sum()
     busy = in_time >= 0.25 * in_time.max()
-    # with the bin after each, because a screen takes most of a refresh to change, and pixels longer
+    # each bin is added to the next, because a screen takes most of a refresh to change, and pixels take longer
     scale = max(float(np.median(_with_next(found_in_time)[busy] / _with_next(in_time)[busy])), 0.0)
-    # the ratio over the entire video, in case half of the time is missing
+    # the ratio over the entire video counts, too, because events of half of the time may be missing
     level = max(scale, float(found_in_time.sum() / in_time.sum()), 0.01)
     around = np.pad(in_time, 1, mode="edge")
     surely = level * np.minimum(np.minimum(around[:-2], around[1:-1]), around[2:])
@@ -249,25 +253,25 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
 
 
 def _with_next(values: np.ndarray) -> np.ndarray:
-    """Each value with the one after it."""
+    """Return the sum of each value and the next one."""
     paired: np.ndarray = values + np.append(values[1:], 0)
     return paired
 
 
 def _stray(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> float:
-    """Return the fraction of the events beyond expected ones and noise, by place and quarter of a second."""
+    """Return the fraction of events in excess of expected events and noise, per cell and quarter of a second."""
     blocks = np.arange(0, len(found), BLOCK)
     seen, expected = (np.add.reduceat(counts, blocks, 0) for counts in (found, due))
     still = np.diff(np.append(blocks, len(found)))[:, None] * noise
     busy = expected >= COUNTED
     if busy.any():
-        # events with another cause, all the time, would raise the expected number
+        # constant events with another cause would raise the expected number
         expected *= min(max(float(np.median((seen - still)[busy] / expected[busy])), ABSENT), 1.0)
     beyond = seen - 3 * expected - still - 5 * np.sqrt(expected + still) - 20
     return float(np.maximum(beyond, 0).sum()) / max(float(found.sum()), COUNTED)
 
 
 def _longest(flags: np.ndarray) -> int:
-    """Length of the longest run of True."""
+    """Return the length of the longest run of True."""
     ends = np.flatnonzero(np.diff(np.concatenate(([0], flags, [0]))))
     return int((ends[1::2] - ends[::2]).max(initial=0))

@@ -16,34 +16,37 @@ from nvsdata.video.frames import VideoFrame
 
 Scaling = Literal["aspect", "integer"]
 OnChange = Callable[[float, np.ndarray], None]
-USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
+USUAL_REFRESH = 60.0  # Hz that are assumed for a display that doesn't state its refresh rate
 TRIALS = 240  # flips by which the refresh is measured
 SAME = 0.01  # fraction by which a measured refresh may differ from that of the display's settings
-# fractions of a refresh by which a flip may be off one: for a refresh as the display says, and for any other
+# fractions of a refresh by which a flip may be off: at the stated refresh rate, and at any other
 EVEN, VERY_EVEN = 0.05, 0.01
-MOST = 0.95  # fraction of the flips that must be as even
+MOST = 0.95  # fraction of the flips that must be within that limit
 FASTEST = 1e6 / 500  # µs: a shorter time isn't a refresh
-NAP = 0.02  # s between looks at the keyboard
+NAP = 0.02  # s between checks of the keyboard
 
 
 class Monitor:
-    """Full screen on a display, black around the images, no mouse, no screen saver; use it in a `with` block.
+    """Full screen of a display for images on black, without mouse pointer and screen saver; use it in a `with` block.
 
-    `refresh` is the time between two images in µs, as measured over 240 flips, and `stated` what the display says;
-    `synced` is True if the display sets the times, False if a clock does, by `stated`. `check` is called
-    often while waiting; what it raises ends the wait. `confirmed` is set when Enter or Space is pressed.
-
-    Raises `DisplayError` if there is no such display, ValueError for a region outside it, and KeyboardInterrupt when
-    the Escape key is pressed or the window closed. All methods must be called from the main thread.
+    `refresh` is the measured time between two refreshes in µs, and `stated` the one that the display states. `synced`
+    is True if images appear at refreshes of the display, False if a clock with the stated refresh paces them. `check`
+    is a function that is called often during waits; an exception that it raises ends the wait. `confirmed` becomes True
+    when Enter or Space is pressed. All methods must be called from the main thread. They raise KeyboardInterrupt when
+    Escape is pressed or the window is closed.
 
     Args:
-        display: Its number (default 0).
-        region: (x, y, width, height) where images go (default: the whole screen).
-        scaling: How images fit into it: "aspect", as large as possible; "integer", by the largest whole number
-            (default "aspect").
-        window: (width, height) of a window in place of the whole screen (default: none).
-        on_change: Called whenever the screen changes, with the host time (µs) and the pixels (uint8 [H, W, 3], red
-            first).
+        display: Number of the display (default 0).
+        region: (x, y, width, height) of the screen's part for images, in pixels (default: the entire screen).
+        scaling: Scaling of images to that part: "aspect" for the largest size that fits, "integer" for the largest
+            whole number (default "aspect").
+        window: (width, height) in pixels of a window in place of the entire screen (default: none).
+        on_change: Function that is called whenever the screen changes, with the host time (µs) and the pixels (uint8
+            [H, W, 3], red first) (default: none).
+
+    Raises:
+        DisplayError: There is no such display.
+        ValueError: The region is not within the screen.
     """
 
     def __init__(
@@ -70,7 +73,7 @@ class Monitor:
             self.size = window or screen[display]
             flags = 0 if window else pygame.FULLSCREEN | pygame.SCALED
             with warnings.catch_warnings():
-                # drivers that draw without a GPU warn
+                # pygame warns about drivers that draw without a GPU
                 warnings.simplefilter("ignore")
                 self._surface = pygame.display.set_mode(self.size, flags, display=display, vsync=int(not window))
             pygame.display.set_caption("nvsdata")
@@ -88,14 +91,14 @@ class Monitor:
         self._origin, self._drawing = host_time(), 0.0
 
     def _measure(self, display: int) -> tuple[float, float, bool, float]:
-        """Return the µs per refresh, measured and stated, True if flips wait for it, and the µs of a flip otherwise."""
+        """Return `refresh`, `stated`, `synced`, and the duration of a flip in µs if flips don't wait for a refresh."""
         times = []
         for _ in range(TRIALS):
             self._pygame.display.flip()
             times.append(host_time())
         rates = self._pygame.display.get_desktop_refresh_rates()
         stated = 1e6 / (rates[display] if display < len(rates) and rates[display] > 0 else USUAL_REFRESH)
-        # the first ones find the display's queue empty
+        # the first flips don't wait, because the display's queue is empty
         found = np.array(times[2:])
         gaps = np.diff(found)
         usual = max(float(np.median(gaps)), 1.0)
@@ -103,7 +106,7 @@ class Monitor:
         away = np.abs(gaps / usual - steps)
         even = EVEN if abs(usual / stated - 1) < SAME else VERY_EVEN
         if usual > FASTEST and (away < even).mean() >= MOST:
-            # missed refreshes count, too
+            # `steps` includes missed refreshes
             return float(np.polyfit(np.append(0, steps.cumsum()), found, 1)[0]), stated, True, 0.0
         return stated, stated, False, float(gaps.min())
 
@@ -113,26 +116,31 @@ class Monitor:
             return "the display doesn't wait for a refresh (is vertical sync off?): frames may be shown late"
         if abs(self.refresh / self.stated - 1) >= SAME / 10:
             return (
-                f"the display says {1e6 / self.stated:.2f} Hz, but refreshes at {1e6 / self.refresh:.2f}: that is used"
+                f"the display states {1e6 / self.stated:.2f} Hz, but {1e6 / self.refresh:.2f} Hz are measured and used"
             )
         return None
 
     def fill(self, level: int, due: float | None = None) -> float:
-        """Fill the screen with one gray; times as in `show`."""
+        """Fill the screen with a gray level; `due` and the result are as in `show`."""
         return self._shown(lambda: self._surface.fill((level, level, level)), due)
 
     def show(self, frame: VideoFrame, due: float | None = None) -> float:
-        """Show an image at the refresh nearest to `due` (host time, µs; None: the next one); return when that was.
+        """Show an image at the refresh nearest to `due` (host time in µs; None: the next refresh).
 
-        ValueError for an image that "integer" scaling can't fit into the region.
+        Returns:
+            The host time (µs) of that refresh.
+
+        Raises:
+            ValueError: "integer" scaling can't fit the image into the region.
         """
         picture, place = self._placed(frame)
         return self._shown(lambda: self._draw(picture, place), due)
 
     def fade(self, level: int, frame: VideoFrame, duration: int, *, back: bool = False) -> None:
-        """Go from one gray to an image in `duration` µs, black around it, too; or `back` from the image to the gray.
+        """Fade the entire screen from a gray level to an image on black in `duration` µs, or `back` to the gray level.
 
-        ValueError as for `show`.
+        Raises:
+            ValueError: "integer" scaling can't fit the image into the region.
         """
         picture, (x, y) = self._placed(frame)
         whole = np.zeros((self.size[1], self.size[0], 3), np.uint8)
@@ -147,7 +155,7 @@ class Monitor:
             self._shown(lambda mixed=mixed: self._draw(mixed, (0, 0)), began + 2 * n * self.refresh)  # type: ignore[misc]
 
     def wait(self, until: float) -> None:
-        """Keep the present image until a host time (µs)."""
+        """Keep the current image until a host time (µs)."""
         while (left := until - host_time()) > 0:
             self._attend()
             if self.synced and left < 4 * self.refresh:
@@ -162,7 +170,7 @@ class Monitor:
             self.wait(due - 1.5 * self.refresh - self._drawing)
         began = host_time()
         draw()
-        # large images take long to draw: as long as the longest of late
+        # large images take long to draw, so the longest recent time is assumed
         self._drawing = max(host_time() - began, 0.9 * self._drawing)
         if not self.synced:
             earliest = max(host_time() + self._cost, (due or 0) - self.refresh / 2)
@@ -178,7 +186,7 @@ class Monitor:
         return now
 
     def _placed(self, frame: VideoFrame) -> tuple[np.ndarray, tuple[int, int]]:
-        """The image in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
+        """Return the scaled image, uint8 [H, W, 3], red first, and the position (x, y) of its upper left corner."""
         pixels = frame.pixels
         height, width = pixels.shape[:2]
         x, y, *shown = self.place_of(width, height)
@@ -193,7 +201,7 @@ class Monitor:
         return np.ascontiguousarray(picture), (x, y)
 
     def place_of(self, width: int, height: int) -> tuple[int, int, int, int]:
-        """Return the place of an image of that size on the screen: x, y, width, height. ValueError as for `show`."""
+        """Return (x, y, width, height) on the screen of an image of that size; raise ValueError as `show` does."""
         x, y, wide, high = self.region
         scale = min(wide / width, high / height)
         if self.scaling == "integer":

@@ -16,7 +16,7 @@ from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 
 BIN = 50_000  # µs per bin of time
 CELL = 20  # pixels per cell of the sensor, along each side
-# a screen changes when a frame is due, not gradually before
+# a screen changes at the time of a frame, not gradually before it, so timestamps are fixed
 PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8, timestamps="fixed")
 
 
@@ -31,7 +31,7 @@ def histogram(events: Events, start: int, bins: int, width: int) -> np.ndarray:
 def emulated(
     video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int], bins: int, drift: float = 0.0
 ) -> np.ndarray:
-    """Count the events that PIX2NVS emulates for a video on the screen, by time bin and cell of pixels, [bins, cells].
+    """Count the events that PIX2NVS emulates for a video on the screen, by time bin and cell, float64 [bins, cells].
 
     Args:
         video: The video.
@@ -39,7 +39,7 @@ def emulated(
         corners: Corners of the screen on the sensor, from its upper left clockwise, float32 [4, 2].
         size: (width, height) of the sensor.
         bins: Number of bins of time.
-        drift: Drift of the camera's clock against the host's (default 0).
+        drift: Relative drift of the camera's clock against the host's (default 0).
     """
     columns, rows = (-(-side // CELL) for side in size)
     counts = np.zeros((bins, columns * rows))
@@ -56,7 +56,7 @@ def emulated(
 
 
 def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int]) -> Iterator[VideoFrame]:
-    """Yield the video's frames in the sensor's view."""
+    """Yield the video's frames as the sensor sees them on the screen."""
     wide, high = monitor.size
     screen = np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32)
     view = cv2.getPerspectiveTransform(screen, corners)
@@ -64,7 +64,7 @@ def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, i
         for frame in frames_of(video):
             height, width = frame.pixels.shape[:2]
             x, y, w, h = monitor.place_of(width, height)
-            # about as many pixels as the sensor sees of it, so that each is a mean
+            # scaled to about twice the sensor's resolution first, so that each pixel is the mean of an area
             small = min(1.0, 2 * size[0] * w / wide / width)
             pixels = frame.pixels
             if small < 1:

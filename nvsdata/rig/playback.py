@@ -24,7 +24,7 @@ FADE = 400_000  # µs from the dim level to the first frame, and from the last o
 COUNTED = 100_000  # µs before the video moves at which the camera's drops are counted
 LATE = 20_000  # µs by which a frame may be late on any screen, which eyes and pixels don't notice
 LOOKED_AT = 12  # frames whose rate is compared with the screen's
-TOO_FAST = 0.995  # fraction of a refresh: of frames closer together, too many would be left out
+TOO_FAST = 0.995  # fraction of a refresh; if frames are closer together, too many would be left out
 USUAL_GAP = 40_000  # µs that the only frame of a video is shown
 
 
@@ -41,9 +41,9 @@ class PlaybackLog:
         due: Time at which each frame of the video was due.
         shown: Time at which each of them was shown.
         skipped: Number of frames that weren't shown, because the next one was already due.
-        missed: µs for which frames that were left out should have been shown.
+        missed: Time in µs for which skipped frames should have been shown.
         truncated: Reason for an early end of the video, None for a complete one.
-        dropped: Events that the camera dropped while the video played, None if it doesn't count them.
+        dropped: Number of events that the camera dropped during the video, None if the camera doesn't count them.
     """
 
     refresh: float
@@ -60,22 +60,22 @@ class PlaybackLog:
 
     @property
     def late(self) -> int:
-        """Frames shown more than a refresh after they were due."""
+        """Number of frames that were shown more than a refresh after they were due."""
         return int((np.array(self.shown) - np.array(self.due) > self.refresh).sum())
 
     @property
     def wrong(self) -> float:
-        """Time in ms for which the screen showed an outdated frame, without delays of up to a refresh or 20 ms."""
+        """Time in ms for which the screen showed an outdated frame, not counting delays up to a refresh or 20 ms."""
         late = np.array(self.shown) - np.array(self.due) - max(self.refresh, LATE)
         return float(np.maximum(late, 0).sum() + self.missed) / 1e3
 
     @property
     def frames(self) -> int:
-        """Frames of the video."""
+        """Number of frames of the video."""
         return len(self.due) + self.skipped
 
     def log(self) -> dict[str, Any]:
-        """Return the log for JSON, with times in whole µs from the begin of the video."""
+        """Return the log for JSON, with times in whole µs from the start of the video."""
 
         def after(times: list[float]) -> list[int]:
             return [round(time - self.start) for time in times]
@@ -94,13 +94,18 @@ class PlaybackLog:
 
 
 def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = lambda: None) -> PlaybackLog:
-    """Show a video, paced by its own times, between flash patterns.
+    """Show a video at its own speed, between flash patterns.
 
-    `dropped` returns the number of events that the camera has dropped; it is called just before the video moves and at
-    its end.
+    Args:
+        monitor: The monitor.
+        video: The video.
+        dropped: Function that returns the number of events that the camera has dropped. It is called just before the
+            video moves, and at the end of the video.
 
-    FormatError or FileNotFoundError, before anything is shown, for a file without a frame, ValueError for a video of
-    more frames per second than the screen shows. `Monitor` lists others.
+    Raises:
+        FormatError: The file has no frame that can be decoded. Nothing is shown.
+        FileNotFoundError: There is no such file.
+        ValueError: The video has more frames per second than the screen shows.
     """
     done = PlaybackLog(monitor.refresh)
     frames = frames_of(video)
@@ -135,12 +140,12 @@ def _check_rate(frames: list[VideoFrame], refresh: float) -> None:
         return
     gap = float(np.median(np.diff([frame.time for frame in frames])))
     if gap < TOO_FAST * refresh:
-        rates = f"{1e6 / gap:.0f} frames per second, and the screen shows {1e6 / refresh:.0f}"
-        raise ValueError(f"the video has {rates}: play it on a faster screen, or make a slower video of it")
+        rates = f"{1e6 / gap:.0f} frames per second, but the screen shows {1e6 / refresh:.0f}"
+        raise ValueError(f"the video has {rates}: use a faster screen, or reduce the frame rate of the video")
 
 
 def _play(monitor: Monitor, done: PlaybackLog, first: VideoFrame, others: Iterator[VideoFrame]) -> VideoFrame:
-    """Show the frames after the first one, without those whose successor is due; return the last one."""
+    """Show the frames after the first one, except those whose successor is already due; return the last frame."""
     done.due.append(done.start)
     done.shown.append(done.start)
     waiting: VideoFrame | None = None
@@ -176,9 +181,13 @@ def _in_turn(monitor: Monitor, done: PlaybackLog, frame: VideoFrame, next_due: f
 def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:
     """Show the flash pattern, with a still screen before and after it.
 
-    `show` takes True for the bright image, False for the dim one, and the host time at which it is due; it returns the
-    time at which it was shown, as `Monitor.show` does. Returns the host times (µs) of the changes, and True for each
-    change to bright.
+    Args:
+        monitor: The monitor.
+        show: Function that shows the bright image (True) or the dim image (False) at a host time (µs), and returns the
+            actual time, as `Monitor.show` does.
+
+    Returns:
+        The host times (µs) of the changes, and True for each change to bright, False for each change to dim.
     """
     began = show(False, None) + STILL
     times: list[float] = []

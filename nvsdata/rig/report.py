@@ -19,7 +19,7 @@ from nvsdata.rig import content, take
 REPORT = "report.html"
 SHEETS = "contact-sheet-*.png"
 FLAGGED = "contact-sheet-000.png"
-FEWEST = 10  # recordings from which on a chart is drawn
+FEWEST = 10  # recordings from which a chart is drawn
 STYLE = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em}"
     "body{color:#222;background:#fff}"
@@ -29,14 +29,22 @@ STYLE = (
     "dt{font-weight:600}dd{margin:0 0 .5em 1.5em}img{max-width:100%}"
     "@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}td,th{border-color:#444}a{color:#8bf}}"
 )
-Line = dict[str, Any]  # of a manifest
+Line = dict[str, Any]  # a line of a manifest
 
 
 class Figure(NamedTuple):
-    """A statistic of each recording: its name, its value in a line of the manifest, its format, its meaning.
+    """A statistic of each recording of a batch.
 
-    Below `low` and above `high`, and `relative` to the median of a batch, recordings are flagged or takes rejected.
-    `column` shows it in the table, `curve` in a chart over the batch.
+    Args:
+        name: Name of the statistic.
+        value: Function that returns the value for a line of the manifest.
+        form: Format of numbers.
+        meaning: Explanation for the legend.
+        low: Value below which recordings are flagged or takes rejected.
+        high: Value above which recordings are flagged or takes rejected.
+        relative: The same limits as fractions of the batch's median.
+        column: Show the statistic in the table.
+        curve: Show the statistic in a chart over the batch.
     """
 
     name: str
@@ -50,7 +58,7 @@ class Figure(NamedTuple):
     curve: bool = False
 
     def limits(self, values: Sequence[float]) -> list[float]:
-        """The limits of a batch's recordings."""
+        """Return the limits for recordings of a batch with these values."""
         usual = float(np.nanmedian(values))
         low, high = (share * usual if math.isfinite(share) else share for share in self.relative)
         return [limit for limit in (max(self.low, low), min(self.high, high)) if math.isfinite(limit)]
@@ -76,7 +84,7 @@ FIGURES = (
         "noise, Hz",
         lambda line: line["content"]["noise"],
         ",.2f",
-        "Events per second and pixel while the first frame of the video stands still. "
+        "Events per second and pixel while the first frame of the video is still. "
         f"Flagged above {content.MOST_NOISE:g}.",
         high=content.MOST_NOISE,
         curve=True,
@@ -130,7 +138,7 @@ FIGURES = (
         "flashes seen",
         lambda line: line["content"]["seen"],
         ".0%",
-        "Fraction of the screen's pixels on the sensor that saw a flash, in the mean. "
+        "Mean fraction of the flashes that a pixel of the screen's image recorded. "
         f"Flagged below {content.RELATIVE['seen'][0]:g} times the median of the other recordings.",
         relative=content.RELATIVE["seen"],
         column=False,
@@ -147,14 +155,14 @@ FIGURES = (
 )
 WORDS = {
     "recorded": "The recording passed all checks that reject a take.",
-    "truncated": "The video is cut off: it was recorded as far as it goes.",
+    "truncated": "The video is truncated, and was recorded as far as it can be decoded.",
     "failed": 'There is no good recording; the column "why" has the reason. record --resume records the video again.',
     "to review": 'The recording is kept, but something about it is unusual; the column "why" has the details.',
 }
 
 
 def write_batch_report(lines: Sequence[Line], head: Line, out: Path) -> None:
-    """Write `out/report.html`, which needs nothing else but the contact sheets next to it.
+    """Write `out/report.html`, which needs no other files except the contact sheets next to it.
 
     Args:
         lines: The last line of each video in the manifest.
@@ -166,7 +174,7 @@ def write_batch_report(lines: Sequence[Line], head: Line, out: Path) -> None:
 
 
 def report_page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = ()) -> str:
-    """The page as HTML, with links to the contact sheets."""
+    """Return the page as HTML, with links to the contact sheets."""
     done = [line for line in lines if line["status"] in ("recorded", "truncated")]
     again = [line for line in lines if line["status"] != "recorded"]
     flagged = [line for line in lines if line["status"] == "recorded" and line.get("look")]
@@ -198,14 +206,14 @@ def report_page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[s
 
 
 def _links(sheets: Sequence[str]) -> list[str]:
-    """Links to contact sheets, those of flagged recordings first."""
+    """Return links to the contact sheets, first to that of flagged recordings."""
     if not sheets:
         return []
     links = [
         f'<a href="{as_html(sheet)}">{"flagged recordings" if sheet == FLAGGED else as_html(sheet)}</a>'
         for sheet in sheets
     ]
-    return [f"<p>Contact sheets, each video's middle frame and its events: {', '.join(links)}</p>"]
+    return [f"<p>Contact sheets, with the frame and the events at the midpoint of each video: {', '.join(links)}</p>"]
 
 
 def _table(lines: Sequence[Line]) -> str:
@@ -225,7 +233,7 @@ def _table(lines: Sequence[Line]) -> str:
 
 
 def _legend(charts: bool) -> str:
-    """Return the legend of the page."""
+    """Return the explanations of the page's terms."""
     known = WORDS | {figure.name: figure.meaning for figure in FIGURES if figure.column or charts}
     terms = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(text)}</dd>" for name, text in known.items())
     return f"<h2>Terms</h2><dl>{terms}</dl>"

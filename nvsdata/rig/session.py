@@ -26,15 +26,16 @@ from nvsdata.rig.verification import recorded_format, verify
 from nvsdata.rig.watch import BatchStopped
 
 GAVE_UP = 3  # exit code
-WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
+WINDOW = (640, 480)  # pixels of the monitor's window for a simulated camera
 
 
 def run_calibration(
     out: Path, seconds: float | None, chosen: CameraChoice, screen: dict[str, Any], *, overwrite: bool
 ) -> int:
-    """Calibrate the view of the monitor; measurements, settings and figures go to the folder `out`. Returns 0.
+    """Calibrate the view of the monitor; write measurements, settings and figures to the folder `out`. Return 0.
 
-    FileExistsError if there are some already, unless `overwrite` is true.
+    Raises:
+        FileExistsError: The folder has measurements already, and `overwrite` is false.
     """
     backend, show = _watched(chosen)
     out.mkdir(parents=True, exist_ok=True)
@@ -46,7 +47,7 @@ def run_calibration(
             Monitor(**screen, window=WINDOW if chosen.simulate else None, on_change=show) as monitor,
         ):
             _warn_about_refresh(monitor, chosen)
-            say("aim and focus until the image is sharp, then press Enter (Escape to leave)")
+            say("aim and focus until the image is sharp, then press Enter (Escape to quit)")
             found = calibrate(camera, monitor, chosen.settings, seconds)
             size = (camera.facts.width, camera.facts.height)
         write_calibration(found, replace(chosen.settings, region=found.roi), size, out)
@@ -67,8 +68,11 @@ def run_batch(
 ) -> int:
     """Play and record a folder of videos.
 
-    Returns 0 if all videos were recorded, 3 if the batch was aborted because recording became impossible, else 1.
-    OSError if the disk is too small, unless `options.until_full`.
+    Returns:
+        0 if all videos were recorded, 3 if the batch was aborted because recording became impossible, else 1.
+
+    Raises:
+        OSError: The disk is too small, and `options.until_full` is false.
     """
     videos = videos_in(source, out, options.format)[: options.limit]
     check_format(videos[0].target, chosen.settings)
@@ -83,7 +87,7 @@ def run_batch(
                 say(message_of(error))
                 return GAVE_UP
             finally:
-                # an error that ended the batch must not be hidden by one of the report
+                # an error of the report must not hide the error that ended the batch
                 with suppress(OSError):
                     write_batch_report(list(manifest.videos.values()), manifest.head, out)
     for message in result.messages():
@@ -100,7 +104,7 @@ def run_batch(
 
 
 def _watched(chosen: CameraChoice) -> tuple[Any, Any]:
-    """Return the backend of a simulated camera and the function that shows it the monitor, see `Simulation.watched`."""
+    """Return the result of `Simulation.watched` for a simulated camera, else (None, None)."""
     if chosen.simulate is None:
         return None, None
     remark("preparing the simulated camera; the first time, this may take a minute")
@@ -114,7 +118,7 @@ def _warn_about_refresh(monitor: Monitor, chosen: CameraChoice) -> None:
 
 
 def run_status(out: Path, *, as_json: bool = False) -> int:
-    """Print the status of the batch that records to `out`; return 0 if it is running or ended well, else 1."""
+    """Print the status of the batch that records to `out`; return 0 if it is running or ended successfully, else 1."""
     text, well = status_of(out)
     tell(text, json.loads((out / STATUS).read_text("utf-8")) | {"well": well} if as_json else {}, as_json=as_json)
     return 0 if well else 1

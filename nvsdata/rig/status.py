@@ -15,7 +15,7 @@ from nvsdata.common.files import put, read_own
 from nvsdata.common.locks import is_locked
 
 STATUS = "status.json"
-MOST_STATUS = 1 << 20  # bytes of it; it has about 600
+MOST_STATUS = 1 << 20  # bytes of the file that are accepted; it has about 600
 RECENT = 5  # videos whose last reason is kept
 GOING = ("recording", "waiting for the camera", "paused")
 ENDED = ("done", "verified", "interrupted", "stopped")
@@ -23,19 +23,19 @@ ENDED = ("done", "verified", "interrupted", "stopped")
 
 @dataclass
 class Status:
-    """The state of a batch; each change of it is written to `out/status.json`.
+    """State of a batch; each change is written to `out/status.json`.
 
     Args:
-        out: The folder of recordings.
-        total: Videos of the batch.
+        out: Folder of the recordings.
+        total: Number of videos of the batch.
         state: One of `GOING`, or one of `ENDED`: "done", "verified" (by `--verify`), "interrupted", "stopped" (by an
-            error, a disk that is too small, or after alarms).
+            error or a disk that is too small, or after alarms).
         reason: Reason for the end, or the fault; None if there is none.
-        video: The video that is played.
-        done: Videos that are recorded, in this run and earlier ones.
-        failed: Videos that failed, in this run and earlier ones.
-        look: Recordings that are flagged for review.
-        in_a_row: Takes that failed, one after another.
+        video: Name of the video that is played.
+        done: Number of recorded videos, in this run and earlier ones.
+        failed: Number of videos that failed, in this run and earlier ones.
+        look: Number of recordings that are flagged for review.
+        in_a_row: Number of takes that failed in a row.
         recent: Reasons of the last failures of videos that have no good take yet, by video, newest first.
     """
 
@@ -73,17 +73,17 @@ class Status:
         _write(self.out / STATUS, json.dumps(summary, indent=1).encode())
 
     def failure(self, name: str, reason: str) -> None:
-        """Note a take that failed."""
+        """Note a failed take."""
         others = [(other, why) for other, why in self.recent.items() if other != name]
         self.set(in_a_row=self.in_a_row + 1, recent=dict([(name, reason), *others][:RECENT]))
 
     def success(self, name: str, **changed: Any) -> None:
-        """Note a good recording, whose earlier failures don't count any more."""
+        """Note a good recording, and remove earlier failures of the video."""
         self.set(recent={other: why for other, why in self.recent.items() if other != name}, **changed)
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Replace the file; on a full disk, overwrite it in place, which needs no more room."""
+    """Replace the file; on a full disk, overwrite it in place, which needs no additional space."""
     try:
         put(path, content)
     except OSError as error:
@@ -102,7 +102,9 @@ def _iso(moment: float) -> str:
 def status_of(out: Path) -> tuple[str, bool]:
     """Return the status of the batch that records to a folder as text, and True if it is running or ended well.
 
-    FileNotFoundError if none has recorded there, FormatError for a file that isn't its status.
+    Raises:
+        FileNotFoundError: No batch has recorded there.
+        FormatError: The file isn't the status of a batch.
     """
     path = out / STATUS
     if not path.exists():
@@ -115,7 +117,7 @@ def status_of(out: Path) -> tuple[str, bool]:
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FormatError(path, f"isn't the status of a batch: {error!r}") from None
     if state not in ENDED and not is_locked(out):
-        lines[0] = f"gone: its process ended without a status after {status['updated']}; --resume continues"
+        lines[0] = f"the process of the batch ended without a status after {status['updated']}; --resume continues"
         return "\n".join(map(shown, lines)), False
     return "\n".join(map(shown, lines)), state in ("recording", "waiting for the camera") or (
         state in ("done", "verified") and good

@@ -1,4 +1,4 @@
-"""Alignment of host and camera clocks of a take: by flashes in its events and, if there are any, in triggers."""
+"""Alignment of host and camera clocks of a take, by flashes in the events, and in triggers if there are any."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from nvsdata.rig.clock_fit import GROUP, MOST_DRIFT, ClockFit, NoSync, fit_clock
 from nvsdata.rig.playback import PlaybackLog
 
 AROUND = 500_000  # µs that are read before and after the flashes
-APART = 5_000  # µs that events and triggers may differ: a screen is drawn line by line, and pixels have a latency
+APART = 5_000  # µs by which events and triggers may differ: a screen changes line by line, and pixels have a latency
 MARGIN = 50_000  # µs around a group of flashes in which nothing else may trigger
 STRAY = 0.1  # allowed triggers without a flash, as a fraction of the flashes
 
 
 class TakeRejected(Exception):
-    """Reason why a take must be repeated."""
+    """A take must be repeated; the message has the reason."""
 
 
 @dataclass
@@ -40,7 +40,13 @@ class ScreenRecording:
 
 
 class Sync(NamedTuple):
-    """Clock fit of a take, its source ("triggers" or "events"), and why triggers weren't used."""
+    """Clock fit of a take.
+
+    Args:
+        line: The fit.
+        by: Source of the fit, "triggers" or "events".
+        refused: Reason why triggers weren't used; None if they were, or if there were none.
+    """
 
     line: ClockFit
     by: str
@@ -48,10 +54,11 @@ class Sync(NamedTuple):
 
 
 def synced(take: ScreenRecording) -> Sync:
-    """Fit the clocks by the take's flashes: by triggers if these show the flashes alone, else by events.
+    """Fit the clocks by the take's flashes: by triggers if these show nothing but the flashes, else by events.
 
-    `NoSync` if the events don't show the flashes, whatever triggers do, because then the camera doesn't see the screen;
-    and if both show them, but more than 5 ms apart.
+    Raises:
+        NoSync: The events don't show the flashes, so the camera doesn't see the screen. Or events and triggers show
+            them more than 5 ms apart.
     """
     done = take.performance
     shown, bright = np.array(done.flashes), np.array(done.bright)
@@ -66,12 +73,14 @@ def synced(take: ScreenRecording) -> Sync:
         return Sync(line, "events", str(error))
     apart = max(abs(line.camera(time) - other.camera(time)) for time in (done.start, done.stop))
     if apart > APART:
-        raise NoSync(f"flashes in the events and in the triggers are {apart / 1e3:.1f} ms apart: what triggers?")
+        raise NoSync(
+            f"flashes in the events and in the triggers are {apart / 1e3:.1f} ms apart: check what causes triggers"
+        )
     return Sync(other, "triggers")
 
 
 def _check_due(triggers: np.ndarray, line: ClockFit, rising: np.ndarray) -> None:
-    """Raise `NoSync` if there are more triggers among the flashes than flashes to bright."""
+    """Raise `NoSync` if there are more triggers than flashes to bright during a group of flashes."""
     for first in rising[np.diff(rising, prepend=-np.inf) > GROUP]:
         group = rising[(rising >= first) & (rising < first + GROUP)]
         ends = line.camera(group[0]) - MARGIN, line.camera(group[-1]) + MARGIN

@@ -30,7 +30,7 @@ from nvsdata.rig.playback import PlaybackLog, perform
 from nvsdata.rig.sync import ScreenRecording, TakeRejected, synced
 
 PLAYED = "playback.jsonl"  # times at which the frames of each take were shown
-HIDDEN = ".takes"  # in the folder of recordings: takes that aren't trimmed yet, or that failed
+HIDDEN = ".takes"  # subfolder of the recordings' folder: takes that aren't trimmed yet, or that failed
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
 FULL = 10e6  # events/s above which the readout counts as full in a bin
@@ -43,7 +43,7 @@ STREAM = {
     "lost_wraps": "parts of the camera's stream are missing",
     "usb_errors": "USB transfers failed, and parts of the camera's stream may be missing",
 }
-WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
+WORST_RESIDUAL = 1_000  # µs; largest median distance of flashes from the fit
 
 
 @dataclass
@@ -62,9 +62,9 @@ class VideoRecorder:
     Args:
         out: Folder of the recordings.
         rig: Camera and monitor.
-        inspector: Checks the recordings.
+        inspector: Check of the recordings.
         live: Show events in a window.
-        show: Called with each step.
+        show: Function that is called with the name of each step.
     """
 
     out: Path
@@ -90,7 +90,7 @@ class VideoRecorder:
         try:
             line = trim(take, video, self.inspector)
         except (ValueError, cv2.error, MemoryError) as error:
-            # the video was played, so it isn't the cause
+            # the video was played, so the video isn't the cause
             raise TakeRejected(f"the recording can't be read or checked: {error}") from error
         self.inspector.others.append(line["content"])
         raw.unlink()
@@ -99,7 +99,10 @@ class VideoRecorder:
         return line
 
     def probe(self, camera: Camera, videos: list[Video], lines: dict[str, dict[str, Any]]) -> bool:
-        """Record the shortest video with an unflagged recording again; return True on success, False for none."""
+        """Record the shortest video that has an unflagged recording again; return True on success.
+
+        Return False if that fails, or if there is no such video.
+        """
         fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
         fine = [video for video in fine if "look" not in lines[video.name] and video.path.exists()]
         if not fine:
@@ -121,7 +124,7 @@ class VideoRecorder:
 def record_screen(camera: Camera, rig: Rig, video: Path, raw: Path, *, live: bool = False) -> ScreenRecording:
     """Record to `raw` while a video plays; an error of the monitor, the video or the camera ends both.
 
-    With `live`, events are shown in a window.
+    If `live` is true, events are shown in a window.
     """
     with LiveView((camera.facts.width, camera.facts.height)) if live else nullcontext() as view:
         return _recorded(camera, rig, video, raw, view)
@@ -155,9 +158,10 @@ def _recorded(camera: Camera, rig: Rig, video: Path, raw: Path, view: LiveView |
 
 
 def trim(take: ScreenRecording, video: Video, inspector: Inspector) -> dict[str, Any]:
-    """Trim a take to its video, write it from time 0 on, and return the fields for the manifest.
+    """Trim a take to its video, write it with times from 0 on, and return the fields for the manifest.
 
-    `TakeRejected` if it must be repeated; nothing is written then.
+    Raises:
+        TakeRejected: The take must be repeated. Nothing is written.
     """
     report, done = take.report, take.performance
     _check_stream(report, done)
@@ -214,7 +218,7 @@ def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:
 def _check(done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
     """Raise `TakeRejected` unless the entire video was shown in time and recorded."""
     if line.residual > WORST_RESIDUAL:
-        raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")
+        raise TakeRejected(f"the median distance of the flashes from the fit is {line.residual:.0f} µs")
     if done.wrong > max(MOST_WRONG, SHARE_WRONG * duration / 1e3):
         missed = f"{done.late + done.skipped} of {done.frames} frames were late or left out"
         raise TakeRejected(f"the screen showed a wrong frame for {done.wrong:.0f} ms ({missed}): is the computer busy?")

@@ -25,7 +25,7 @@ class Verification:
     Args:
         videos: Number of videos that were verified.
         faults: Faults of videos without a sound recording, by name.
-        others: Descriptions of other files in the folder, by their paths below it.
+        others: Descriptions of other files in the folder, by path relative to the folder.
     """
 
     videos: int
@@ -44,7 +44,7 @@ class Verification:
 
     @property
     def well(self) -> bool:
-        """True if a dataset of the folder has these recordings, all of them sound, and no others."""
+        """True if all recordings are sound, and datasets would read no other files."""
         return not self.faults and not self.foreign
 
     def messages(self) -> list[str]:
@@ -66,7 +66,9 @@ class Verification:
 def recorded_format(out: Path) -> str:
     """Return the format of the recordings in a folder, from its manifest.
 
-    FileNotFoundError if it has none, ValueError if that isn't one of recordings.
+    Raises:
+        FileNotFoundError: The folder has no manifest.
+        ValueError: The manifest isn't one of recordings.
     """
     path = out / NAME
     if not path.exists():
@@ -80,8 +82,11 @@ def recorded_format(out: Path) -> str:
 def verify(videos: list[Video], out: Path, limit: int | None = None) -> Verification:
     """Compare the recordings of the first `limit` videos in `out` with its manifest, and with the videos.
 
-    Faults are noted in the manifest, so that the next run records them again, and in
-    `status.json` and `report.html`. FileNotFoundError if the folder has no manifest.
+    Faults are noted in the manifest, so that the next run records these videos again, and in `status.json` and
+    `report.html`.
+
+    Raises:
+        FileNotFoundError: The folder has no manifest.
     """
     recorded_format(out)
     with locked(out), Journal(out / NAME, {}) as journal:
@@ -111,7 +116,7 @@ def _set_status(found: Verification, lines: dict[str, dict[str, Any]], out: Path
 
 
 def _others(videos: list[Video], lines: dict[str, dict[str, Any]], out: Path) -> dict[str, str]:
-    """Return files in the folder that are neither recordings of these videos nor output of a batch, described."""
+    """Return descriptions, by path, of files that are neither recordings of these videos nor output of a batch."""
     ours = {video.target for video in videos}
     gone = {line["file"]: name for name, line in lines.items() if "file" in line}
     found = {}
@@ -127,14 +132,14 @@ def _others(videos: list[Video], lines: dict[str, dict[str, Any]], out: Path) ->
 
 
 def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
-    """Return how a recording differs from its line of the manifest, or None."""
+    """Return the difference of a recording from its line of the manifest, or None."""
     if line is None:
         return "isn't recorded"
     if line["status"] not in DONE:
         # an earlier verification has noted the fault of a recording that was good before
         return str(line["reason"]) if "recording" in line else f"isn't recorded: {line['reason']}"
     if video.path.stat().st_size != line["bytes"] or sha256(video.path) != line["sha256"]:
-        return f"{video.path}: isn't the video any more that was recorded"
+        return f"{video.path}: is no longer the video that was recorded"
     if not video.target.exists():
         return f"{video.target}: is missing"
     try:

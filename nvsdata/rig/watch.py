@@ -1,7 +1,7 @@
 """Handling of takes that fail in a row.
 
-The camera is reopened, then a video that was recorded before is tried. If that fails, too, the batch pauses and runs
-the user's alarm.
+The camera is reopened, then a video that was recorded before is recorded again. If that fails, too, the batch pauses
+and runs the user's alarm.
 """
 
 from __future__ import annotations
@@ -19,28 +19,29 @@ from nvsdata.recording.camera import host_time
 from nvsdata.rig.status import Status
 
 REOPEN = 3  # takes that failed in a row after which the camera is reopened
-PAUSE = 6  # after which the batch pauses, if they were of several videos
-DIFFERENT = 3  # number of failed videos from which on the cause is not in the videos
-PAUSED = 600_000_000  # µs
-MOST_PAUSES = 36  # in a row: six hours without anybody who reacts
+PAUSE = 6  # takes that failed in a row after which the batch pauses, if they were of several videos
+DIFFERENT = 3  # number of different videos in these takes from which the videos aren't assumed to be the cause
+PAUSED = 600_000_000  # µs; length of a pause
+MOST_PAUSES = 36  # pauses in a row, which are six hours, after which the batch stops
 TIMEOUT = 60.0  # s that the command of an alarm may take
 KEPT = 20  # failed takes that are kept for review
 
 
 class BatchStopped(OSError):
-    """Reason for the end of a batch that could record nothing, though it paused many times."""
+    """A batch ended because it could record nothing over many pauses; the message has the reason."""
 
 
 class Watch:
     """Counter of takes that fail in a row, which reopens the camera, pauses, and runs the alarm.
 
     Args:
-        status: Of the batch.
-        command: Run by the shell at an alarm, which is in its environment as `NVSDATA_ALARM`, with the folder as
-            `NVSDATA_OUT` (None: no command).
-        reopen: Reopens the camera.
-        wait: Waits until a host time (µs).
-        probe: Records a video again that was recorded before, and returns True on success (default: there is none).
+        status: Status of the batch.
+        command: Shell command to run at an alarm (None: no command). Its environment has the message as `NVSDATA_ALARM`
+            and the folder as `NVSDATA_OUT`.
+        reopen: Function that reopens the camera.
+        wait: Function that waits until a host time (µs).
+        probe: Function that records a video again that was recorded before, and returns True on success (default: it
+            returns False).
     """
 
     def __init__(
@@ -62,9 +63,10 @@ class Watch:
         self._status.set(in_a_row=0, state="recording")
 
     def failed(self, video: str, reason: str) -> list[str]:
-        """Note a failed take; return the videos whose takes don't count, because they weren't the cause.
+        """Note a failed take; return the names of videos whose takes don't count, because the cause was elsewhere.
 
-        `BatchStopped` if nothing was recorded over `MOST_PAUSES` pauses.
+        Raises:
+            BatchStopped: Nothing was recorded over `MOST_PAUSES` pauses.
         """
         self._failed.append(video)
         self._status.failure(video, reason)
@@ -80,10 +82,10 @@ class Watch:
         self._pauses += 1
         failure = f"{PAUSE} takes in a row failed, the last one of {video}: {reason}"
         if self._pauses > MOST_PAUSES:
-            self.alarm(f"{failure}; given up")
-            raise BatchStopped(f"{failure}; given up after {MOST_PAUSES} pauses: --resume continues")
+            self.alarm(f"{failure}; the batch ends")
+            raise BatchStopped(f"{failure}; the batch ended after {MOST_PAUSES} pauses: --resume continues it")
         self._status.set(state="paused")
-        self.alarm(f"{failure}; tried again in {PAUSED / 60e6:.0f} minutes")
+        self.alarm(f"{failure}; the batch continues in {PAUSED / 60e6:.0f} minutes")
         self._reopen()
         self._wait(host_time() + PAUSED)
         self._status.set(state="recording")
@@ -107,7 +109,7 @@ class Watch:
 def _run(command: str, environment: dict[str, str]) -> int:
     """Run a shell command without input, and return its exit code; it and its children end after `TIMEOUT`."""
     posix = os.name == "posix"
-    # stdout is for results
+    # stdout is for the results of the batch
     streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
     with subprocess.Popen(command, shell=True, env=environment, start_new_session=posix, **streams) as process:
         try:

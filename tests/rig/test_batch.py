@@ -150,7 +150,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
         result = recorded(tmp_path / "in", tmp_path / "out", camera, before=pulled, format="aedat2")
     assert (result.done, result.failed) == (1, {})
     assert lines(tmp_path / "out")[-1]["takes"] == 2
-    assert "waiting for it" in capsys.readouterr().err
+    assert "waiting for the camera" in capsys.readouterr().err
     assert len(nvsdata.read(tmp_path / "out/run/a.aedat")) == lines(tmp_path / "out")[-1]["events"]
     # the manifest knows the format, and where each recording is, whatever is put beside the videos later
     make_video(tmp_path / "in/run/a.mp4.avi")
@@ -218,7 +218,9 @@ def test_a_disk_that_is_too_small_is_refused_with_figures(tmp_path, monkeypatch,
     monkeypatch.setattr(capture.shutil, "disk_usage", lambda place: real(place)._replace(free=capture.RESERVE))
     how = ["record", "--simulate", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out")]
     assert main(how) == 1
-    reason = "0.1 GB of disk are free, which is too little: free some, choose another disk, or record until it is full"
+    reason = (
+        "0.1 GB of disk are free, which is too little: free some space, choose another disk, or record until it is full"
+    )
     assert reason in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "out/run").exists()
     assert main(["record", "--status", str(tmp_path / "out")]) == 1

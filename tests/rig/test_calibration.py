@@ -215,8 +215,8 @@ def test_the_noise_is_that_of_what_counts_as_flicker():
 
 
 BEGIN = (
-    "the screen's corners, from the upper left one clockwise: (10.0, 20.1), (200.0, 12.0), (198.5, 150.0), "
-    "(12.0, 160.0); it fills 61% of the sensor\n"
+    "screen corners, clockwise from the upper left: (10.0, 20.1), (200.0, 12.0), (198.5, 150.0), "
+    "(12.0, 160.0); the screen fills 61% of the sensor\n"
     "region of interest: --region {}; largest upright crop: (12, 21, 187, 130)\n"
 )
 
@@ -228,19 +228,20 @@ BEGIN = (
         (
             (1, 1, 238, 178),
             {60.0: 13.5, 120.25: 40.0},
-            "flicker: 60 Hz (13.5 times the noise), 120.25 Hz (40 times the noise): choose another refresh, or a "
-            "monitor without it",
+            "flicker: 60 Hz (13.5 times the noise), 120.25 Hz (40 times the noise): choose another refresh rate, or a "
+            "monitor without flicker",
         ),
         (
             (0, 1, 239, 179),
             {},
-            "the screen reaches the edge of the view (left, bottom): move back, or choose another lens\n"
+            "the screen reaches the edge of the view (left, bottom): move the camera back, or use another lens\n"
             "no flicker found",
         ),
         (
             (1, 0, 239, 179),
             {},
-            "the screen reaches the edge of the view (top, right): move back, or choose another lens\nno flicker found",
+            "the screen reaches the edge of the view (top, right): move the camera back, or use another lens\n"
+            "no flicker found",
         ),
     ],
 )

@@ -139,7 +139,7 @@ def spoiled(kind, span, events):
 
 SPOILED = {
     "200 ms are missing": r"no events for (2\d\d|1[5-9]\d) ms in which the video moves",
-    "90% are missing": "times the events that its motion should cause",
+    "90% are missing": "times the events that the video's motion should cause",
     "a hand before the lens": "of the video's motion caused no events",
     "someone walks by": "of the events are where, or when, nothing moves",
     "a storm": "of the events are where, or when, nothing moves",
@@ -183,7 +183,9 @@ def test_strict_refuses_and_a_moving_video_needs_events(lab_of_one, video, right
         strict.judged(odd, video, 10**6)
     # two seconds
     assert lenient.judged(span, video, 2_000)
-    with pytest.raises(TakeRejected, match=r"1999 events in 2\.00 s are too few: its motion should cause about \d+"):
+    with pytest.raises(
+        TakeRejected, match=r"1999 events in 2\.00 s are too few: the video's motion should cause about \d+"
+    ):
         lenient.judged(span, video, 1_999)
     assert Inspector(lab_of_one.monitor, accept_quiet=True).judged(span, video, 0)
 
@@ -195,12 +197,14 @@ def test_a_screen_that_hardly_a_pixel_sees_is_no_quiet_video(lab_of_one, video, 
     nvsdata.write(faint, tmp_path / "a.h5")
     take_ = ScreenRecording(tmp_path / "a.h5", span.take.report, span.take.performance)
     odd = span._replace(take=take_, recording=nvsdata.open(tmp_path / "a.h5"))
-    with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: hardly a pixel saw the screen"):
+    with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: hardly any pixel saw the screen"):
         Inspector(lab_of_one.monitor).judged(odd, video, 150)
     # other recordings, or a calibration, tell where it should be
     others = [Inspector(lab_of_one.monitor).measure(span, video).as_dict()] * 3
     for known in (Inspector(lab_of_one.monitor, others=others), Inspector(lab_of_one.monitor, others[0]["corners"])):
-        with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: its motion should cause about \d+"):
+        with pytest.raises(
+            TakeRejected, match=r"150 events in 2\.00 s are too few: the video's motion should cause about \d+"
+        ):
             known.judged(odd, video, 150)
 
 
@@ -260,11 +264,11 @@ SHIFTED = [[20.1, 12.0], [234.1, 8.0], [232.1, 172.0], [16.1, 168.0]]
     [
         ({}, None),
         ({"scale": 0.31}, None),
-        ({"scale": 0.29}, r"events for its motion: 0\.29, in the other recordings 1"),
-        ({"scale": 3.4}, "events for its motion"),
+        ({"scale": 0.29}, r"recorded events per emulated event: 0\.29, in the other recordings 1"),
+        ({"scale": 3.4}, "recorded events per emulated event"),
         ({"scale": None}, None),
-        ({"cover": 0.63}, r"of the sensor sees the screen: 0\.63, in the other recordings 0\.8"),
-        ({"seen": 0.6}, "of each flash"),
+        ({"cover": 0.63}, r"of the sensor that sees the screen: 0\.63, in the other recordings 0\.8"),
+        ({"seen": 0.6}, "fraction of the flashes that a pixel recorded"),
         ({"corners": SHIFTED}, "corners are 6 pixels from where they were"),
         ({"gap": 100.0, "hidden": 0.25, "stray": 0.2, "noise": 10.0}, None),
         ({"gap": 101.0}, "no events for 101 ms"),

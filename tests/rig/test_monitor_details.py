@@ -91,7 +91,7 @@ def test_what_is_odd_about_a_display_is_said(screen):
     screen.synced, screen.stated, screen.refresh = True, PERIOD, 1e6 / 59.97
     assert screen.refresh_warning() is None
     screen.refresh = 1e6 / 59.94
-    assert screen.refresh_warning() == "the display says 60.00 Hz, but refreshes at 59.94: that is used"
+    assert screen.refresh_warning() == "the display states 60.00 Hz, but 59.94 Hz are measured and used"
 
 
 @pytest.mark.parametrize(

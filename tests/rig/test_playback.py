@@ -131,7 +131,7 @@ def test_the_drops_are_counted_close_to_the_video(tmp_path):
 
 def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_shown(tmp_path):
     fast, seen = make_video(tmp_path / "fast.avi", frames=24, fps=120), []
-    message = "the video has 120 frames per second, and the screen shows 60"
+    message = "the video has 120 frames per second, but the screen shows 60"
     refused = pytest.raises(ValueError, match=message)
     with Monitor(window=(64, 48), on_change=lambda *shown: seen.append(shown)) as monitor, refused:
         perform(monitor, fast)

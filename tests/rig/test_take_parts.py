@@ -34,7 +34,7 @@ def events_at(t, p=None):
         ({"skipped": 1, "missed": 50_000.0}, None),
         ({"late": 2, "by": 25_000, "skipped": 1, "missed": 41_000.0}, r"51 ms \(3 of 101 frames"),
         ({"residual": 1_000.0}, None),
-        ({"residual": 1_001.0}, "the flashes are 1001 µs off the fit in the median"),
+        ({"residual": 1_001.0}, "the median distance of the flashes from the fit is 1001 µs"),
         ({"late_resets": 1}, "the camera's clock was reset during the recording"),
         ({"usb_errors": 1}, "USB transfers failed"),
         ({"full": 0.01}, None),

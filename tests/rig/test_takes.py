@@ -243,7 +243,7 @@ def test_verify_sees_videos_that_were_changed(folder, monkeypatch, content):
     recorded(folder, monkeypatch)
     (folder / "in/run/b.avi").write_bytes(content)
     assert list(verified(folder)) == ["run/b.avi"]
-    assert "isn't the video any more" in verified(folder)["run/b.avi"]
+    assert "is no longer the video" in verified(folder)["run/b.avi"]
 
 
 def test_verify_sees_stray_files(folder, monkeypatch):
@@ -285,7 +285,7 @@ def test_takes_that_all_fail_pause_the_batch_and_cost_no_video_its_takes(folder,
     assert len(waited) == 1
     assert [line["takes"] for line in lines(folder)] == [1, 1, 1]
     output = capsys.readouterr().err
-    assert "6 takes in a row failed, the last one of run/c.avi: 0 events; tried again in 10 minutes" in output
+    assert "6 takes in a row failed, the last one of run/c.avi: 0 events; the batch continues in 10 minutes" in output
     state = json.loads((folder / "out/status.json").read_text())
     assert (state["state"], state["done"], state["failed"], state["left"], state["in_a_row"]) == ("done", 3, 0, 0, 0)
 
@@ -344,7 +344,7 @@ def test_a_recording_that_is_cut_short_counts_as_failed_everywhere(folder, monke
 
 def test_a_batch_that_gives_up_says_so(folder, monkeypatch):
     monkeypatch.setattr(watch, "MOST_PAUSES", 1)
-    with pytest.raises(watch.BatchStopped, match="given up after 1 pauses"):
+    with pytest.raises(watch.BatchStopped, match="the batch ended after 1 pauses"):
         recorded(folder, monkeypatch, [TakeRejected("0 events")] * 12)
     assert json.loads((folder / "out/status.json").read_text())["state"] == "stopped"
     # and goes on when it is told to

@@ -41,7 +41,7 @@ def test_the_camera_is_opened_anew_then_the_batch_pauses(lab):
     assert spared == [[], [], [], [], [], [f"{n}.avi" for n in range(6)]]
     assert lab.did[:1] == ["reopen"]
     text, *others = lab.did[1:]
-    assert text == "6 takes in a row failed, the last one of 5.avi: 0 events; tried again in 10 minutes"
+    assert text == "6 takes in a row failed, the last one of 5.avi: 0 events; the batch continues in 10 minutes"
     # the camera may be what has to be tried again, too
     assert others == ["reopen", "wait"]
     written = json.loads((lab.out / "status.json").read_text())
@@ -66,7 +66,7 @@ def test_a_few_bad_videos_are_no_alarm(lab):
 def test_a_batch_gives_up_in_the_end(lab, monkeypatch):
     monkeypatch.setattr(watching, "MOST_PAUSES", 2)
     failures = (lab.watch.failed(f"{n}.avi", "0 events") for n in range(100))
-    with pytest.raises(BatchStopped, match=r"6 takes in a row failed.*given up after 2 pauses: --resume continues"):
+    with pytest.raises(BatchStopped, match=r"6 takes in a row failed.*ended after 2 pauses: --resume continues"):
         list(failures)
     assert lab.did.count("wait") == 2
     # one that succeeds begins the count anew
@@ -132,7 +132,7 @@ def test_how_a_batch_is_going(lab, capsys):
     assert capsys.readouterr().out.startswith("recording: began 20")
     # nobody holds the folder
     assert main(["record", "--status", str(lab.out)]) == 1
-    assert "its process ended without a status" in capsys.readouterr().out
+    assert "the process of the batch ended without a status" in capsys.readouterr().out
     for state, done, failed, code in (
         ("done", 12, 0, 0),
         ("verified", 12, 0, 0),

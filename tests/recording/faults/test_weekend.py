@@ -45,7 +45,7 @@ HAPPENS = {
     "quiet": (9, None, None),
     "cut": (4, None, None),
     "dark": (1, "flash", None),
-    "hand": (4, None, "something is in front of it|out of view|of the sensor sees"),
+    "hand": (4, None, "something is in front of it|out of view|of the sensor that sees"),
     "walker": (4, None, "where, or when, nothing moves"),
     "gap": (4, None, "no events for"),
     "noise": (4, None, "Hz of noise per pixel"),
