@@ -11,7 +11,8 @@ namespace nvsdata {
 
 namespace {
 
-// Fills `out` with the pseudo-coordinates of edges, along x, y and, if there are three, t; false for no such node.
+// Fills `out` with the pseudo-coordinates of edges, along x, y and, if there are three, t; false if a node doesn't
+// exist.
 template <bool is_signed, int axes>
 bool place_edges(Rows<const float> pos, Span<const i64> t, Rows<const i64> edges, float wide, float high, float longest,
                  Rows<float> out) {
@@ -29,8 +30,8 @@ bool place_edges(Rows<const float> pos, Span<const i64> t, Rows<const i64> edges
     return true;
 }
 
-// Whether all nodes exist and all values are finite, and whether targets never fall; without exits, so that loops are
-// vectorized.
+// Whether all nodes exist and all values are finite, and whether targets never decrease. The loops have no exits, so
+// that they are vectorized.
 template <class Float>
 NVSDATA_INLINE void look_over(const i64* source, const i64* target, i64 edges, const Float* u, i64 values, i64 nodes,
                               bool* sound, bool* sorted) {
@@ -94,7 +95,7 @@ int check_edges(Span<const i64> source, Span<const i64> target, Rows<const Float
     best<look_over<Float>>(source.data(), target.data(), source.size(), u.data(), u.rows() * u.columns(), nodes, &sound,
                            &sorted);
     if (sound) return sorted ? 0 : 1;
-    // what is wrong with the first edge that is
+    // the fault of the first invalid edge
     for (i64 e = 0; e < source.size(); ++e) {
         if (u64(source[e]) >= u64(nodes) || u64(target[e]) >= u64(nodes)) return 2;
         for (Float value : u[e])

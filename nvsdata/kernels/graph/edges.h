@@ -9,7 +9,7 @@
 
 namespace nvsdata {
 
-// A pseudo-coordinate, of a difference from target to source in units of the axis' end.
+// The pseudo-coordinate of a difference from target to source, in units of the normalization range.
 inline float pseudo_coordinate(float d, bool is_signed) {
     return is_signed ? std::min(std::max(d * 0.5f + 0.5f, 0.0f), 1.0f) : std::min(std::abs(d), 1.0f);
 }

@@ -25,7 +25,7 @@ struct Metric {
     double limit() const { return radius * radius; }
 };
 
-// Sources of each event, at most k, ascending: their number, and a row of indices with room for one more.
+// Sources of each event, at most k and ascending: their number, and a row of indices with room for one more.
 struct Sources {
     Span<i32> degree;
     Rows<i32> source;
@@ -61,7 +61,7 @@ public:
         if (full()) find_worst();
         return true;
     }
-    // Calls each(event).
+    // Calls each(event) for the kept candidates.
     template <class Each>
     void each_event(Each each) const {
         for (std::size_t n = 0; n < count_; ++n) each(found_[n].event);
@@ -79,7 +79,7 @@ private:
     }
 };
 
-// Sets of events of two kinds, that come out in order.
+// Sets of events of two kinds, which are returned in order.
 class Marks {
 public:
     explicit Marks(std::size_t n) : words_(2 * ((n >> 6) + 1)), used_((n >> 12) + 1) {}
@@ -88,7 +88,7 @@ public:
         words_[2 * word + kind] |= u64(1) << (event & 63);
         used_[word >> 6] |= u64(1) << (word & 63);
     }
-    // calls `each(event, kind)` and forgets all
+    // calls `each(event, kind)` for all events in order, and removes them
     template <class Each>
     void drain(Each each) {
         for (std::size_t group = 0; group < used_.size(); ++group) {
@@ -116,7 +116,7 @@ public:
     void run() {
         double alpha = metric_.alpha, limit = metric_.limit();
         double span = t_.empty() ? 0 : double(minus(t_[t_.size() - 1], t_[0]));
-        // rounded like a distance, because at exactly the radius a bit decides
+        // rounded like a distance, because at exactly the radius the last bit decides
         slack_ = metric_.beta * (span * span);
         i64 furthest = 0, blur = 0;
         if (alpha > 0) {
@@ -142,10 +142,10 @@ private:
     Sources sources_;
     Marks marks_;
     Nearest nearest_;
-    double slack_ = 0;  // what the longest difference in time adds to a distance
+    double slack_ = 0;  // squared distance that the largest difference in time adds
     Vector<Near> near_;
     Vector<i32> whole_room_, last_room_, place_;
-    Span<const i32> whole_, last_;  // events of whole rings, and of the last one
+    Span<const i32> whole_, last_;  // events of complete rings, and of the last one
     Interrupt& interrupt_;
     unsigned steps_ = 0;
 
@@ -157,7 +157,7 @@ private:
     const i32* begin(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel]; }
     const i32* end(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel + 1]; }
 
-    // Keep the near pixels of which some event is near in time, too; whether all of their events are.
+    // Keep the near pixels with an event that is also near in time; return whether all of their events are.
     bool keep_near_in_time(i32 pixel, i64& total) {
         double alpha = metric_.alpha, limit = metric_.limit();
         bool sure = true;
@@ -174,7 +174,7 @@ private:
         return sure;
     }
 
-    // Whether some event of one pixel and another of the other are at most `dt` µs apart.
+    // Whether an event of one pixel and an event of the other are at most `dt` µs apart.
     bool any_within(double dt, i32 a, i32 b) const {
         for (auto i = begin(a), j = begin(b); i != end(a) && j != end(b);) {
             if (double(gap(t_[*i], t_[*j])) <= dt) return true;
@@ -183,8 +183,9 @@ private:
         return false;
     }
 
-    // No time makes up for a difference in space, and all events are near enough in time: whole rings of pixels are
-    // sources of all the pixel's events; of the last ring each event takes those that are nearest in time.
+    // If no difference in time can change the order of distances in space, and all events are near enough in time:
+    // complete rings of pixels are sources of all events of the pixel. Of the last ring, each event takes those nearest
+    // in time.
     void by_rings(i32 pixel, i64 total) {
         i64 k = metric_.k, left = 0;
         std::size_t q = near_.size();
@@ -196,7 +197,7 @@ private:
         for (std::size_t p = 0; p < near_.size(); ++p)
             for (auto e = begin(near_[p].pixel); e != end(near_[p].pixel); ++e) marks_.mark(*e, p >= q);
         i64 wholes = 0, lasts = 0;
-        // no branch, because which events are the last ring's is unpredictable
+        // no branch, because it is unpredictable which events are in the last ring
         marks_.drain([&](i32 event, bool last) {
             whole_room_[wholes] = last_room_[lasts] = event;
             wholes += !last, lasts += last;
@@ -220,11 +221,11 @@ private:
         }
     }
     struct Runs {
-        std::size_t a, b, c, d;  // of last_: from a up to b, and from c up to d
+        std::size_t a, b, c, d;  // events of last_: from a up to b, and from c up to d
     };
 
-    // The `left` events of the last ring that are nearest to event i in time; those lie side by side, but of equally
-    // near ones those of smallest index count. `from` only moves forward.
+    // The `left` events of the last ring that are nearest to event i in time. They are adjacent, except that of equally
+    // near events the ones of smallest index are taken. `from` only moves forward.
     Runs nearest_in_time(i32 i, i64 left, bool own, std::size_t& from) const {
         std::size_t some = std::min(std::size_t(left), std::size_t(last_.size()));
         auto time = [&](std::size_t n) { return t_[last_[n]]; };
@@ -235,7 +236,7 @@ private:
         }
         std::size_t stop = from + some;
         if (some == 0 || ((from == 0 || time(from - 1) != time(from)) && !own)) return {from, stop, stop, stop};
-        // only the first of the chosen may have equals before them
+        // only the first chosen events may have events of the same time before them
         auto at = [&](std::size_t lo, std::size_t hi, i64 value) {
             auto found = std::lower_bound(last_.begin() + lo, last_.begin() + hi, value,
                                           [&](i32 j, i64 v) { return t_[j] < v; });
@@ -244,14 +245,14 @@ private:
         i64 equal = time(from);
         std::size_t begin = at(0, from, equal), end = at(from, stop, equal + 1), count = end - from;
         if (own && equal == t_[i]) {
-            // one of them is i itself, or stands for it
+            // one of them is i itself, or takes its place
             std::size_t others = count - 1;
             count = others + (others > 0 && last_[begin + others - 1] >= i);
         }
         return {count ? begin : end, (count ? begin : end) + count, end, stop};
     }
 
-    // Events of whole rings and those of the last ring that were chosen, without event i, ascending.
+    // Events of complete rings and the chosen ones of the last ring, without event i, ascending.
     i32* merged(Runs runs, i32 i, i32* out) const {
         auto whole = whole_.begin();
         auto put = [&](i32 event) {
@@ -293,8 +294,8 @@ private:
         sources_.degree[i] = i32(out - first);
     }
 
-    // Offer the events of a pixel, nearest in time first, as long as they are near enough; `later` is the first of them
-    // that is not before event i. Of equal times the smaller indices come first.
+    // Offer the events of a pixel, nearest in time first, as long as they are near enough. `later` is the first event
+    // that is not before event i. Of equal times, smaller indices come first.
     void outward(i32 i, double base, const i32* first, const i32* later, const i32* end) {
         auto offer = [&](i32 j) {
             i64 dt = gap(t_[j], t_[i]);
@@ -328,10 +329,10 @@ private:
 
 // Pairs of events that are near in time.
 struct Pairs {
-    i64 all = 0, most = 0;  // the most earlier events of an event
+    i64 all = 0, most = 0;  // number of pairs; largest number of earlier events of an event
 };
 
-// Those at most `reach` apart. O(N).
+// Pairs of events at most `reach` µs apart. O(N).
 Pairs pairs_in_time(Span<const i64> t, i64 reach) {
     Pairs pairs;
     i64 first = 0;
@@ -343,7 +344,7 @@ Pairs pairs_in_time(Span<const i64> t, i64 reach) {
     return pairs;
 }
 
-// Sort few values, most of them in order.
+// Sort a few values, most of which are in order.
 void ascend(i32* values, i64 count) {
     for (i64 n = 1; n < count; ++n) {
         i32 value = values[n];
@@ -387,7 +388,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     // row and column in one number; a sum, because then differences are exact whatever the coordinates, modulo 2^32
     Vector<u32> place(static_cast<std::size_t>(n));
     for (i64 i = 0; i < n; ++i) place[i] = (u32(y[i]) << 16) + u32(x[i]);
-    // both differences lie in 0..2 side, or in the next power of two, if no bit outside is set
+    // if no bit outside is set, both differences are in 0..2 side, or in the next power of two
     double side = std::floor(std::sqrt(limit / metric.alpha)) + 1;
     u32 wide = 1;
     while (wide < u32(2 * side + 1)) wide *= 2;
@@ -401,7 +402,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
             while (minus(t[i], t[first]) > reach) ++first;
             u32 corner = place[i] - margin;
             u64 later = u64(i) << 32;
-            // no branch, because which events are near is unpredictable
+            // no branch, because it is unpredictable which events are near
             for (i64 j = first; j < i; ++j) {
                 pairs[found] = later | u64(j);
                 found += ((place[j] - corner) & outside) == 0;
@@ -420,7 +421,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     for (i64 i = 0; i < n; ++i) ascend(sources.of(i), sources.degree[i]);
 }
 
-// Coordinates of 32 bits must not be further apart than sums of squares can say.
+// Differences of 32-bit coordinates must be so small that sums of their squares don't overflow.
 template <class Coordinate>
 void check_extent(Span<const Coordinate> values) {
     if constexpr (sizeof(Coordinate) > sizeof(i16)) {

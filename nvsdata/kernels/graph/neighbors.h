@@ -7,7 +7,8 @@ namespace nvsdata {
 
 constexpr i64 SWEEP = 48;  // mean number of events near in time up to which testing all of them is fastest
 
-// `degree` by event; `source` has room for one more than each event's sources. Returns the number of all.
+// `degree` gets the number of sources of each event. The rows of `source` have room for one index more. Returns the
+// number of all edges.
 template <class Coordinate>
 i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, double radius, double alpha,
                  double beta, i64 sweep_below, Span<i32> degree, Rows<i32> source);

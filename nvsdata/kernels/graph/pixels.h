@@ -42,19 +42,19 @@ struct Near {
     }
 };
 
-// The pixels that have events, of at least one event, row by row. O(N), or O(N log N) where they lie far apart.
+// The pixels with events, row by row, of at least one event. O(N), or O(N log N) if the events are far apart.
 struct PixelLists {
-    Vector<i32> order, first;  // events pixel by pixel, in order within each; where those of each pixel begin
-    Vector<i32> x, y;          // of each pixel, from the corner of the box around all events, LISTED pixels wider
-    Vector<i32> map;           // the pixel at each place of that box, -1 where none is; empty if it were large
-    Vector<i32> row, begins;   // rows that have pixels, and where the pixels of each begin
-    Vector<i32> row_of;        // of each pixel, index of its row
+    Vector<i32> order, first;  // events pixel by pixel, in order within a pixel; first event of each pixel
+    Vector<i32> x, y;          // pixels, from the corner of the box around all events with a margin of LISTED pixels
+    Vector<i32> map;           // number of the pixel at each place of that box, or -1; empty if it would be large
+    Vector<i32> row, begins;   // rows with pixels, and the first pixel of each row
+    Vector<i32> row_of;        // index of the row of each pixel
     i64 columns = 0;
 
     template <class Coordinate>
     PixelLists(Span<const Coordinate> xs, Span<const Coordinate> ys, bool apart) {
         std::size_t n = xs.size();
-        // without `apart` all events are at one place
+        // if `apart` is 0, all events are at one place
         i64 left = 0, top = 0, right = 0, bottom = 0;
         if (apart) {
             auto [x0, x1] = std::minmax_element(xs.begin(), xs.end());
@@ -94,9 +94,9 @@ struct PixelLists {
     std::size_t size() const { return x.size(); }
     i64 events(i32 pixel) const { return first[pixel + 1] - first[pixel]; }
 
-    // The pixels around one, itself included, nearest first, none further than `furthest`; how many events they have.
-    // As soon as pixels up to some distance have `enough` events together, others are left out unless they are nearer
-    // than that plus `blur`.
+    // The pixels around a pixel, including it, nearest first and at most at `furthest`; returns the number of their
+    // events. If the pixels up to some distance have `enough` events, pixels farther than this distance plus `blur` are
+    // left out.
     i64 near(i32 pixel, i64 enough, i64 furthest, i64 blur, const Offsets& offsets, Vector<Near>& found) const {
         found.clear();
         return map.empty() || furthest > LISTED * LISTED ? outward(pixel, enough, furthest, blur, found)
@@ -124,7 +124,7 @@ private:
         found.resize(offsets.steps.size() + 1);
         for (std::size_t ring = 0; ring < offsets.lengths.size() && offsets.lengths[ring] <= bound; ++ring) {
             std::size_t before = m;
-            // without branches, because which pixels have events is unpredictable
+            // without branches, because it is unpredictable which pixels have events
             for (i64 o = offsets.begins[ring]; o < offsets.begins[ring + 1]; ++o) {
                 i32 q = here[offsets.steps[o]];
                 found[m] = {offsets.lengths[ring], q};
@@ -137,7 +137,7 @@ private:
         return total;
     }
 
-    // Row by row, and pixel by pixel within a row, the nearest first.
+    // Searches row by row, and pixel by pixel within a row, the nearest first.
     i64 outward(i32 pixel, i64 enough, i64 furthest, i64 blur, Vector<Near>& found) const {
         i64 total = 0, bound = furthest;
         std::size_t full = 0;

@@ -19,19 +19,19 @@ namespace {
 constexpr i64 MOST_CELLS = std::numeric_limits<i32>::max();
 constexpr i64 OFTEN = 1 << 12;  // clusters, or nodes, between two polls for Ctrl-C
 
-// The nodes of a cluster, summed up.
+// Sums over the nodes of a cluster.
 struct Sum {
-    double x, y;    // exact, of whole pixels: or the mean's floor wouldn't be
-    i64 t, first;   // times from that of the first node on: a sum of dates in µs may be beyond 64 bits
+    double x, y;    // sums of integers, which are exact, so the floor of the mean is, too
+    i64 t, first;   // sum of times since the first node, which can't overflow; time of the first node
     i64 members;
 };
 
-// Index of the cell at a place, that of the border where it is outside, 0 for NaN.
+// Index of the cell at a place; a place outside belongs to the border, and NaN to cell 0.
 i64 cell_at(double place, i64 side, i64 count) {
     return i64(std::min(std::max(0.0, place / double(side)), double(count - 1)));
 }
 
-// First time plus the rounded mean; what is beyond 64 bits wraps.
+// First time plus the rounded mean, modulo 2^64.
 i64 mean_time(const Sum& sum) {
     return plus(sum.first, floor_divide(sum.t, sum.members));
 }
@@ -51,7 +51,7 @@ void each_part(i64 count, Each each) {
     }
 }
 
-// Of nodes from number `first` on.
+// Update the largest features for nodes from number `first` on.
 template <class Float>
 NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best,
                                 Rows<i32> where, i64 first, Span<u8> seen) {
@@ -71,7 +71,7 @@ NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> clus
         }
         for (i64 c = 0; c < given.size(); ++c) {
             Float value = given[c], before = most[c];
-            // true of NaN, unless there was one before
+            // true for the first NaN
             bool more = !(value <= before) & (before == before);
             most[c] = more ? value : before;
             from[c] = more ? node : from[c];
@@ -161,7 +161,7 @@ i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64>
     check_below(target, nodes, "an edge names a node that doesn't exist");
     check_below(cluster, count, "a node's cluster doesn't exist");
     require(std::is_sorted(target.begin(), target.end()), "edges aren't grouped by target");
-    // where the edges of each node begin, and the nodes of each cluster
+    // first edge of each node, and first node of each cluster
     Vector<i64> first(nodes + 1), begin(count + 1), members(nodes), mark(count, -1);
     for (i64 node : target) ++first[node + 1];
     for (i64 node = 0; node < nodes; ++node) {
@@ -179,7 +179,7 @@ i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64>
         i64 from = kept;
         for (i64 m = begin[c]; m < begin[c + 1]; ++m)
             for (i64 e = first[members[m]]; e < first[members[m] + 1]; ++e) {
-                // no branch, because which edges are repeated is unpredictable
+                // no branch, because it is unpredictable which edges are repeated
                 i64 s = cluster[source[e]];
                 sources[kept] = s;
                 targets[kept] = c;
@@ -227,7 +227,7 @@ void mean_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> 
     check_clusters(features.rows(), cluster, mean.rows());
     require(mean.columns() == features.columns() && members.size() == mean.rows(),
             "means must have the channels of the features, and each its number of members");
-    // in double precision: sums may be beyond single precision where the mean isn't
+    // in double precision, because a sum may overflow single precision even if the mean doesn't
     Vector<double> memory(mean.rows() * mean.columns());
     Rows<double> sums(memory.data(), mean.rows(), mean.columns());
     each_part(cluster.size(), [&](i64 from, i64 to) {

@@ -19,14 +19,14 @@ constexpr i64 TOGETHER = 128;  // edges whose shares are computed together
 constexpr i64 PATIENCE = 64;   // such groups between two polls for Ctrl-C
 constexpr i64 MOST_CELLS = std::numeric_limits<i32>::max();
 
-// Edges grouped by target, with pseudo-coordinates in 0..1, and the number of a kernel's cells along each axis.
+// Edges grouped by target, with pseudo-coordinates in 0..1, and the number of cells of the kernel along each axis.
 template <class Float>
 struct Edges {
     Span<const i64> source, target;
     Rows<const Float> u;
     i64 size, nodes;
 
-    // The number of a kernel's cells.
+    // Number of cells of the kernel.
     i64 check() const {
         require_edges(source, target, u.rows());
         i64 cells = 1;
@@ -38,14 +38,15 @@ struct Edges {
     }
 };
 
-// Of some edges the kernel cells at the 2^D corners around each, and its shares of them, for B-splines of degree 1.
+// For some edges: the kernel cells at the 2^D corners around each edge, and its shares of them, for B-splines of degree
+// 1.
 template <class Float>
 struct Corners {
-    Vector<i64> steps{0};       // from the cell at corner 0 to those at the others
+    Vector<i64> steps{0};       // from the cell at corner 0 to the cells at the other corners
     Vector<i32> first;          // the cell at each edge's corner 0
     Vector<Float> memory;       // shares, corner by corner: 0 where an edge doesn't touch the cell
     Vector<double> place, low, high;
-    Vector<Float> members;      // number of the edges of each edge's target: exact up to 2^24
+    Vector<Float> members;      // number of edges of the target of each edge; exact up to 2^24
 
     explicit Corners(const Edges<Float>& edges)
         : first(TOGETHER), place(TOGETHER), low(TOGETHER), high(TOGETHER), members(TOGETHER) {
@@ -60,7 +61,7 @@ struct Corners {
     i64 cell(i64 corner, i64 e) { return Span<i32>(first)[e] + Span<i64>(steps)[corner]; }
 };
 
-// Shares of `count` edges, `members` being known.
+// Compute the shares of `count` edges; `members` must be set.
 template <class Float>
 NVSDATA_INLINE void share_out(Corners<Float>* corners, const Float* of, i64 axes, i64 size, i64 count) {
     Span<double> place(corners->place), low(corners->low), high(corners->high);
@@ -160,7 +161,7 @@ void dense_sums(Span<const i64> source, Span<const i64> target, Rows<const Float
     for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         Span<Float> value(values), out = sums.flat();
         for (i64 e = 0; e < count; ++e) value[e] = features.flat()[source[from + e]];
-        // without branches, because which corners are touched is unpredictable
+        // without branches, because it is unpredictable which corners are touched
         for (i64 corner = 0; corner < corners.count(); ++corner) {
             Span<Float> share = corners.shares(corner);
             for (i64 e = 0; e < count; ++e) {
@@ -218,8 +219,8 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
     std::fill(cell_start.begin(), cell_start.end(), 0);
     // not Vector, which writes zeros
     std::unique_ptr<i32[]> memory(new i32[3 * row.size()]);
-    Span<i32> cell(memory.get(), row.size());    // of each entry
-    Span<i32> row_cell(cell.end(), row.size());  // of each row, in order of nodes
+    Span<i32> cell(memory.get(), row.size());    // cell of each entry
+    Span<i32> row_cell(cell.end(), row.size());  // cell of each row, in order of nodes
     Span<i32> node_of(row_cell.end(), row.size());
     for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         for (i64 e = 0; e < count; ++e) {
@@ -234,7 +235,7 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
                     node_of[rows++] = i32(node);
                     ++cell_start[at + 1];
                 }
-                // its number among the cell's rows
+                // its number among the rows of the cell
                 row[entries] = i32(cell_start[at + 1] - 1);
                 cell[entries] = i32(at);
                 of[entries] = i32(source[from + e]);

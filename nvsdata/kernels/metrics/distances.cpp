@@ -19,7 +19,7 @@ namespace {
 
 constexpr i64 MARGIN = 6;     // pixels around a map, and the distance up to which neighbors are looked up one by one
 constexpr i64 CELL = 16;      // side in pixels of the cells that are searched beyond that
-constexpr i64 UNASKED = 21;   // the pixel itself and the twenty nearest, which are always looked at
+constexpr i64 UNASKED = 21;   // the pixel itself and the twenty nearest ones, which are always searched
 constexpr i64 SPARSE = 64;    // pixels per spike from which on cells are searched immediately
 constexpr i64 PATIENCE = 1024;  // spikes between two polls for Ctrl-C
 
@@ -47,7 +47,7 @@ NVSDATA_INLINE void look_around(Span<const i64> x, Span<const i64> y, Span<const
                                 Span<double> least, bool* lonely) {
     for (i64 i = 0; i < x.size(); ++i) {
         i64 home = (y[i] + MARGIN) * stride + x[i] + MARGIN;
-        // whole numbers: their differences are exact in single precision
+        // integers, whose differences are exact in single precision
         float own = float(value[i]);
         auto apart = [&](i64 at) { return std::abs(own - lattice[at]); };
         auto of_four = [&](i64 a, i64 b, i64 c, i64 d) {
@@ -71,7 +71,7 @@ NVSDATA_INLINE void look_around(Span<const i64> x, Span<const i64> y, Span<const
     }
 }
 
-// Spikes by cells of CELL pixels; lowers the best costs of others where they are above `settled`.
+// Spikes by cells of CELL pixels. Lowers the least costs of other spikes if these are above `settled`.
 void search_cells(const Spikes& from, const Spikes& to, i64 height, i64 width, double weight, double settled,
                   Span<double> best) {
     i64 rows = (height + CELL - 1) / CELL, columns = (width + CELL - 1) / CELL;
@@ -160,11 +160,11 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
     if (double(bx.size()) * SPARSE < double(height) * double(width))
         return search_cells(from, to, height, width, weight, -1, least);
     i64 stride = width + 2 * MARGIN;
-    // an empty pixel is infinitely far: so no branch tests for it, which would be unpredictable
+    // an empty pixel counts as infinitely far, so that no branch has to test for it, which would be unpredictable
     Vector<float> memory((height + 2 * MARGIN) * stride, std::numeric_limits<float>::infinity());
     Span<float> lattice(memory);
     for (i64 j = 0; j < bx.size(); ++j) lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = float(bvalue[j]);
-    // all but the first come in fours of equal distance
+    // except for the first, there are four at each distance
     static const Vector<Step> around = steps_around(MARGIN, [](i64 square) { return square <= MARGIN * MARGIN; });
     Vector<i64> memory_of_steps(around.size());
     Vector<double> memory_of_squares(around.size());

@@ -1,8 +1,8 @@
 // Moving mass between points at least cost: the transportation problem, by the network simplex method.
 //
-// Sources and sinks are the nodes of a spanning tree that hangs from an artificial root. Each pivot brings one arc into
-// the tree and takes one out; the tree is kept strongly feasible (Cunningham 1976), which rules out cycling, because
-// integer masses are degenerate all the time.
+// Sources and sinks are the nodes of a spanning tree with an artificial root. Each pivot adds one arc to the tree and
+// removes one. Integer masses are often degenerate, so the tree is kept strongly feasible (Cunningham 1976), which
+// rules out cycling.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -18,8 +18,8 @@ namespace nvsdata {
 
 namespace {
 
-constexpr double TOLERANCE = 1e-11;  // of reduced costs: below it a pivot gains only rounding errors
-constexpr i64 MOST = i64(1) << 62;   // of all masses together
+constexpr double TOLERANCE = 1e-11;  // reduced costs below it would gain only rounding errors
+constexpr i64 MOST = i64(1) << 62;   // bound of the sum of all masses
 constexpr i64 LANES = 8;
 constexpr i64 PATIENCE = 64;  // searches between two polls for Ctrl-C
 
@@ -50,7 +50,7 @@ double reach(Span<const double> a, Span<const double> b) {
 
 double length(double x, double y) { return std::sqrt(x * x + y * y); }
 
-// Costs of the arcs to all sinks but for the potential of their source, and the least of them.
+// Costs of the arcs to all sinks without the potential of their source, and the least of these costs.
 NVSDATA_INLINE void find_offers(double x, double y, Span<const double> bx, Span<const double> by,
                                 Span<const double> potential, Span<double> offers, double* least) {
     i64 sinks = bx.size(), whole = sinks - sinks % LANES;
@@ -143,14 +143,14 @@ private:
     // Bring the arc into the tree, and push as much mass along its cycle as possible.
     void pivot(const Arc& arc) {
         i32 u = arc.from, v = arc.to, a = u, b = v;
-        // where the two paths to the root meet, and the arc that blocks first: there is one, because arcs of sources
-        // point up, those of sinks down
+        // the node where the two paths to the root meet, and the arc that blocks first; it exists, because arcs of
+        // sources point up and those of sinks point down
         i64 least = MOST;
         i32 out = -1;
         bool below_u = true;
         while (a != b) {
             if (nodes_[a].depth >= nodes_[b].depth) {
-                // of equal masses, the arc nearest to u; on v's side, the arc nearest to the meeting point
+                // ties: the arc nearest to u, and on the side of v the arc nearest to the meeting point
                 if (nodes_[a].up && nodes_[a].mass < least) least = nodes_[a].mass, out = a;
                 a = nodes_[a].parent;
             } else {
@@ -162,7 +162,7 @@ private:
             if (!nodes_[b].up && nodes_[b].mass <= least) least = nodes_[b].mass, out = b, below_u = false;
         for (a = u; a != meeting; a = nodes_[a].parent) nodes_[a].mass += nodes_[a].up ? -least : least;
         for (b = v; b != meeting; b = nodes_[b].parent) nodes_[b].mass += nodes_[b].up ? least : -least;
-        // hang the part that is cut off from the other end of the arc
+        // attach the subtree that is cut off to the other end of the arc
         i32 top = below_u ? u : v, node = top, above = below_u ? v : u;
         i64 mass = least;
         double cost = arc.cost;

@@ -37,7 +37,7 @@ public:
     void leave(const Window& window, Table<float>& values) {
         i64 number = first++, row = window.row_of(number), cell = cell_of(window, row);
         if (settled_[cell] < number) {
-            // nothing is left of the older part: the newer one takes its place
+            // the older part is empty, so the newer part takes its place
             settled_[cell] = tail_[cell];
             for (i64 at = previous_[window.row_of(tail_[cell])]; at >= number;) {
                 i64 here = window.row_of(at);
@@ -70,8 +70,8 @@ public:
 
 private:
     Grid grid_;
-    Column<i64> head_, tail_, settled_;  // by cell: number of the first event, the last, the last of the older part
-    Column<i64> after_, previous_;       // of each event in its queue, by row; -1 for none
+    Column<i64> head_, tail_, settled_;  // by cell: first event, last event, last event of the older part
+    Column<i64> after_, previous_;       // by row: the next and the previous event in the queue, or -1
     Table<float> newer_;                 // maxima of the newer parts
 
     i64 cell_of(const Window& window, i64 row) const { return grid_.cell_of(window.x[row], window.y[row]); }
@@ -108,7 +108,7 @@ public:
         turns_.end_change();
     }
 
-    // The first fully connected layer, of the maxima.
+    // Compute the first fully connected layer from the maxima.
     template <class Read>
     void read(Read read) {
         auto turn = turns_.take();
@@ -138,15 +138,15 @@ private:
     i64 age_, last_ = 0;
     Window window_;
     std::vector<Convolution> layers_;
-    std::vector<Table<float>> features_;  // that each layer takes, and the last results in, by row
+    std::vector<Table<float>> features_;  // inputs of each layer, and results of the last layer, by row
     Readout readout_;
     Queues queues_;
     std::vector<i64> rows_;
     Turns turns_;
 
-    // Neighbors of events are among those of the last `age_` µs when they came.
+    // Neighbors of an event are among the events of the last `age_` µs before it.
     void advance(i64 until, const Events& events, Interrupt& interrupt) {
-        // those whose last rows are still in queues, too
+        // and events whose last rows are still in queues
         i64 count = window_.next - queues_.first + events.size(), first = window_.next;
         if (count > window_.capacity()) grow(capacity_for(count));
         rows_.clear();

@@ -1,8 +1,8 @@
 // Pooled graphs that are updated when the graph below changes: the clusters of `kernels.graph.pool`.
 //
-// A cluster is a cell of a grid and has the number of its node. Sums of the members' positions and numbers of edges are
-// integers, so that members and edges can be removed exactly. A step marks what it touches; `settle` then finds what is
-// different from before.
+// A cluster is a cell of a grid, whose number is that of its node. Sums of positions and numbers of edges are integers,
+// so that members and edges can be removed exactly. A step marks the nodes and edges that it touches; then `settle`
+// finds those that differ from before.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace nvsdata::streaming {
 
 // Clusters of pixels; positions beyond the grid belong to its border.
 struct Grid {
-    i64 width, height;  // of a cell in pixels
+    i64 width, height;  // size of a cell in pixels
     i64 columns, rows;
 
     // The smallest grid that covers the sensor.
@@ -30,19 +30,19 @@ struct Grid {
 class Cells {
 public:
     Grid grid;
-    i64 across, down;  // largest distance of an edge's ends in cells
-    bool has_time;     // if not, times of places stay 0, because they would change with each event
-    i64 offsets;       // from a cell to those around it: an edge's source
+    i64 across, down;  // largest distance between the ends of an edge, in cells
+    bool has_time;     // otherwise times of places stay 0, because they would change with each event
+    i64 offsets;       // number of cells around a cell in which the source of an edge may be
     Column<i64> members;       // number of nodes below
-    Column<Place> place, was;  // of the nodes now, without meaning if there are no members, and before they `moved`
+    Column<Place> place, was;  // places of the nodes now (undefined without members), and before they `moved`
     Column<u8> alive;          // whether there was a node when the last step settled
     Table<u8> edge;            // by target and offset
-    Column<i64> home;          // the cell of the graph above, -1 without
-    Column<i64> head, after;   // the first member of a cell, and the next one by number of the node below, -1 for none
+    Column<i64> home;          // the cell in the graph above, or -1
+    Column<i64> head, after;   // the first member of a cell, and by number of the node below, the next member, or -1
     Marks moved, turned;       // cells; edges, as cell * offsets + offset
-    Marks rescan;              // cells that lost or gained a member whose features may count
+    Marks rescan;              // cells that lost or gained a member whose features may be the maximum
 
-    // `far_x`, `far_y`: pixels that nodes joined by an edge are apart at most; `below`: nodes of the graph below.
+    // `far_x`, `far_y`: largest distance in pixels of nodes with an edge; `below`: number of nodes of the graph below.
     Cells(Grid cells, i64 far_x, i64 far_y, i64 below, bool with_time)
         : grid(cells), across(std::min((far_x + grid.width - 1) / grid.width, grid.columns - 1)),
           down(std::min((far_y + grid.height - 1) / grid.height, grid.rows - 1)), has_time(with_time),
@@ -54,13 +54,13 @@ public:
         head.fill(-1);
     }
 
-    // A graph pooled of this one.
+    // A graph that is pooled from this one.
     Cells pooled(Grid cells) const {
         i64 far_x = across * grid.width + grid.width - 1, far_y = down * grid.height + grid.height - 1;
         return {cells, far_x, far_y, grid.size(), has_time};
     }
 
-    // Call `each(offset, cell)` for the cells around one, itself included.
+    // Call `each(offset, cell)` for the cells around a cell, including it.
     template <class Each>
     void around(i64 cell, Each each) const {
         i64 x = cell % grid.columns, y = cell / grid.columns, offset = 0;
@@ -68,20 +68,20 @@ public:
             for (i64 u = x - across; u <= x + across; ++u, ++offset)
                 if (u >= 0 && u < grid.columns && v >= 0 && v < grid.rows) each(offset, v * grid.columns + u);
     }
-    // The cell at an offset, which must be one of an edge.
+    // The cell at an offset, which must be that of an edge.
     i64 neighbor(i64 cell, i64 offset) const {
         i64 wide = 2 * across + 1;
         return cell + (offset / wide - down) * grid.columns + offset % wide - across;
     }
-    // Row of a node below. Numbers of events keep growing; their rows are a ring of a power of two.
+    // Row of a node below. Numbers of events keep growing, so rows are a ring buffer whose size is a power of two.
     i64 row_of(i64 node) const {
         i64 rows = after.size();
         return rows & (rows - 1) ? node : node & (rows - 1);
     }
-    // The offset of the same edge the other way around.
+    // The offset of the same edge in the opposite direction.
     i64 opposite(i64 offset) const { return offsets - 1 - offset; }
 
-    // Put a node below into a cell.
+    // Add a node below to a cell.
     void add_member(i64 cell, i64 node, const Place& at) {
         ++members[cell];
         add(cell, at, 1);
@@ -93,7 +93,7 @@ public:
         touched_.mark(cell);
     }
 
-    // Take a node below out of a cell.
+    // Remove a node below from a cell.
     void remove_member(i64 cell, i64 node, const Place& at) {
         --members[cell];
         add(cell, at, u64(-1));
@@ -103,7 +103,7 @@ public:
         touched_.mark(cell);
     }
 
-    // Add an edge below, from a node of cell `source` to one of `target`, or take one away.
+    // Add or remove an edge below, from a node of cell `source` to one of cell `target`.
     void count_edge(i64 target, i64 source, int way) {
         if (source == target) return;
         i64 dx = source % grid.columns - target % grid.columns, dy = source / grid.columns - target / grid.columns;
@@ -112,7 +112,7 @@ public:
         counted_.mark(target * offsets + offset);
     }
 
-    // Find the nodes that moved, came or went, and the edges that are new or gone. O(what was touched).
+    // Find the nodes that moved, arrived or left, and the edges that are new or removed. O(touched nodes and edges).
     void settle() {
         for (i64 cell : touched_.numbers()) {
             was[cell] = place[cell];
@@ -166,7 +166,7 @@ public:
         turned.clear();
     }
 
-    // Make room for more events below, of numbers from `first` up to `next`.
+    // Grow the arrays for more events below, with numbers from `first` up to `next`.
     void grow(i64 capacity, i64 first, i64 next) {
         widen(after, capacity, first, next);
         widen(previous_, capacity, first, next);
@@ -176,7 +176,7 @@ private:
     struct Sums {
         u64 x = 0, y = 0, t = 0;
     };
-    Column<Sums> sums_;      // of the members' places
+    Column<Sums> sums_;      // sums of the places of the members
     Table<u32> count_;       // edges below, by target and offset
     Column<i64> previous_;   // see `after`
     Marks touched_, counted_;  // cells; edges
@@ -192,7 +192,7 @@ private:
         return {i64(sums.x) / n, i64(sums.y) / n, has_time ? floor_divide(i64(sums.t), n) : 0};
     }
 
-    // Add, or take away, all edges of a node in the graph above.
+    // Add or remove all edges of a node in the graph above.
     void count_all(Cells& above, i64 cell, int way) const {
         around(cell, [&](i64 offset, i64 other) {
             if (home[other] < 0) return;

@@ -1,4 +1,4 @@
-// Arrays of zeros at first, whose memory is allocated when it is first written.
+// Arrays that are zero at first, and whose memory is allocated when it is first written.
 #pragma once
 
 #include <algorithm>
@@ -64,8 +64,8 @@ private:
     std::vector<T, Zeros<T>> values_;
 };
 
-// Events' rows: an event's row is its number modulo the capacity, which is a power of two. `widen` makes room for more
-// of those from `first` up to `next`.
+// Rows of events: the row of an event is its number modulo the capacity, which is a power of two. `widen` grows the
+// arrays for events from `first` up to `next`.
 template <class T>
 void widen(Column<T>& column, i64 capacity, i64 first, i64 next) {
     Column<T> wide(capacity);
@@ -87,7 +87,7 @@ void widen(Table<T>& table, i64 capacity, i64 first, i64 next) {
 // x, y and t of a node, or of a source as seen from a target.
 struct Place {
     i64 x = 0, y = 0, t = 0;
-    // sums of far times may have wrapped around
+    // sums of large times may have overflowed
     Place operator-(const Place& other) const { return {x - other.x, y - other.y, i64(u64(t) - u64(other.t))}; }
     bool operator==(const Place& other) const { return x == other.x && y == other.y && t == other.t; }
 };
@@ -107,7 +107,7 @@ public:
         for (i64 number : numbers_) marked_[number] = 0;
         numbers_.clear();
     }
-    // Move those that are to be kept into `kept`, and remove all.
+    // Move the numbers to keep into `kept`, and remove all.
     template <class Keep>
     void drain(std::vector<i64>& kept, Keep keep) {
         kept.clear();

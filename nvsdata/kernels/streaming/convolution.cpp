@@ -8,7 +8,7 @@ namespace nvsdata::streaming {
 
 namespace {
 
-constexpr i64 INPUTS = 16;  // whose weights serve all targets while they are in the cache
+constexpr i64 INPUTS = 16;  // inputs whose weights are used for all targets while they are in the cache
 
 // Sum of products added to `sum`, in order.
 inline void add_products(float* __restrict sum, const float* value, const float* const* weight, i64 count,
@@ -63,10 +63,10 @@ NVSDATA_INLINE void collect_row(double* __restrict edges, double* __restrict sel
 
 struct Between {
     i64 lower;    // of the kernel's cells along an axis
-    float upper;  // share of the next one
+    float upper;  // share of the next cell
 };
 
-// In float32, as in batches.
+// Computed in float32, as in batches.
 Between place(const Kernel& kernel, std::size_t axis, i64 difference) {
     float d = float(difference) / kernel.reach[axis];
     float v = pseudo_coordinate(d, kernel.is_signed) * float(kernel.size - 1);
@@ -168,11 +168,12 @@ void CellLayer::mark_targets(const Cells& cells, const Features& features) {
     for (i64 number : cells.turned.numbers()) dirty_.mark(number / cells.offsets);
 }
 
-// Sum up a node's edges: all if it moved, or most changed; otherwise what is different. Returns their number.
+// Sum the edges of a node: all edges if it moved or most of them changed, otherwise only the differences. Returns the
+// number of edges.
 i64 CellLayer::sum_up(const Cells& cells, const Features& features, i64 at, i64 cell) {
     const Kernel& kernel = convolution_.kernel();
     const Marks &changed = features.changed, &moved = cells.moved;
-    // in halves: of features that changed, half the channels did, say
+    // in halves, assuming that half of the channels of changed features changed
     i64 degree = kernel.loops, different = changed.has(cell);
     cells.around(cell, [&](i64 offset, i64 source) {
         bool now = cells.edge(cell, offset);
@@ -180,7 +181,7 @@ i64 CellLayer::sum_up(const Cells& cells, const Features& features, i64 at, i64 
         if (cells.turned.has(cell * cells.offsets + offset))
             different += 2;
         else if (now)
-            // taken away and added, or only what is different
+            // the old value is subtracted and the new one added, or only the difference is added
             different += moved.has(source) ? 4 : changed.has(source);
     });
     bool is_whole = moved.has(cell) || different > 2 * degree || age_[cell] >= OLD;
@@ -198,7 +199,7 @@ i64 CellLayer::sum_up(const Cells& cells, const Features& features, i64 at, i64 
         bool now = cells.edge(cell, offset), turned = cells.turned.has(cell * cells.offsets + offset);
         bool has_moved = moved.has(source), has_changed = changed.has(source);
         if (!(now || turned) || !(is_whole || turned || has_moved || has_changed)) return;
-        // what it added before is to be taken away, because it is gone, changed or moved
+        // its earlier contribution must be subtracted, because the edge is removed, changed or moved
         bool less = !is_whole && now != turned;
         Place here = cells.place[cell], away = cells.place[source] - here;
         Span<const float> values = features.values[source], before = features.before[source];

@@ -1,8 +1,8 @@
 // B-spline convolutions of changing graphs: only rows whose inputs changed are computed, from the changes.
 //
-// The sum over a node's edges is kept in float64, so that terms can be subtracted: a target with few changed
-// edges adds the difference of each, one with many is summed from scratch. Zeros, of which ReLU makes many, aren't
-// multiplied.
+// The sum over the edges of a node is kept in float64, so that terms can be subtracted. If few edges of a target
+// changed, their differences are added; otherwise the target is summed from scratch. Zeros, which ReLU makes frequent,
+// aren't multiplied.
 #pragma once
 
 #include <memory>
@@ -19,14 +19,14 @@ constexpr i64 OLD = 500;      // differences after which a sum is computed from 
 // Weights of a convolution with folded normalization.
 struct Kernel {
     i64 size;                           // cells along an axis
-    bool loops, own, is_signed;         // a node is its own neighbor; it adds its own features; of pseudo-coordinates
-    std::vector<float> reach;           // differences that end an axis
-    i64 cells, in, out;                 // cells: of all axes
-    Table<float> weight;                // rows: of each cell, then of the node itself, those of each input
+    bool loops, own, is_signed;         // self-loops; own features; signed pseudo-coordinates
+    std::vector<float> reach;           // normalization range of each axis
+    i64 cells, in, out;                 // cells of all axes; numbers of input and output channels
+    Table<float> weight;                // rows of each cell, then of the node itself: one row per input channel
     std::vector<float> bias;
 };
 
-// Features of nodes, and what they were `before` this step where they `changed`.
+// Features of nodes, and those `before` this step for nodes that `changed`.
 struct Features {
     Table<float> values, before;
     Marks changed;
@@ -44,11 +44,11 @@ public:
 
     const Kernel& kernel() const { return *kernel_; }
 
-    // Add a source's features, `less` those before unless that is empty, to the kernel cells that an edge touches.
-    // Their shares are B-splines of degree 1; `way` is -1 to take away.
+    // Add the features of a source, minus `less` unless that is empty, to the kernel cells of an edge. The shares of
+    // the cells are B-splines of degree 1. With `way` -1 the features are subtracted.
     void add(i64 at, Span<const float> features, Span<const float> less, const Place& away, float way);
 
-    // Add a node's own features, in the same way.
+    // Add the features of the node itself in the same way.
     void add_self(i64 at, Span<const float> features, Span<const float> less) {
         if (kernel_->loops) add(at, features, less, {}, 1);
         if (kernel_->own) add_to(at, kernel_->cells, features, less, 1);
@@ -57,19 +57,20 @@ public:
     // Multiply the sums of the first targets by the weights, and set them to 0.
     void multiply(i64 targets);
 
-    // Add a target's products to its sums, and set them to 0; write its output, the mean over its edges plus its own.
+    // Add the products of a target to its sums, and set them to 0. Write its output: the mean over its edges plus the
+    // product of the node itself.
     void collect(i64 at, i64 degree, Span<double> edges, Span<double> self, Span<float> out);
 
 private:
     std::shared_ptr<const Kernel> kernel_;
     Table<float> share_;    // sums of features, by target and cell of the kernel
     Table<u8> used_;        // which of these sums are in use
-    Table<float> product_;  // that, times the weights: over the edges, and of the node itself
+    Table<float> product_;  // products of these sums and the weights: over the edges, and of the node itself
 
     void add_to(i64 at, i64 cell, Span<const float> features, Span<const float> less, float part);
 };
 
-// A convolution of events, each row from scratch: they have few features.
+// A convolution of events. Each row is computed from scratch, because events have few features.
 void convolve(Convolution& layer, const Window& window, const Table<float>& features, Span<const i64> rows,
               Table<float>& out, Interrupt& interrupt);
 
@@ -77,7 +78,7 @@ void convolve(Convolution& layer, const Window& window, const Table<float>& feat
 class CellLayer {
 public:
     Table<float> out;
-    std::vector<i64> rows;  // of `out`, computed by the last update
+    std::vector<i64> rows;  // rows of `out` that the last update computed
 
     CellLayer(std::shared_ptr<const Kernel> kernel, i64 nodes)
         : out(nodes, kernel->out), convolution_(std::move(kernel)), edges_(nodes, out.columns()), self_(edges_),
@@ -90,8 +91,8 @@ public:
 
 private:
     Convolution convolution_;
-    Table<double> edges_, self_;  // sums over the edges, and of the node itself
-    Column<i64> age_;             // how often they were added to
+    Table<double> edges_, self_;  // sums over the edges, and for the node itself
+    Column<i64> age_;             // number of additions to these sums
     Marks dirty_;
 
     void mark_targets(const Cells& cells, const Features& features);

@@ -8,7 +8,7 @@ namespace nvsdata {
 
 namespace {
 
-// Fill `degree` by event and `source` with the numbers of its sources, ascending; returns the number of all.
+// Fill `degree` with the number of sources of each event, and `source` with their ascending numbers; returns the sum.
 i64 earlier_sources(Span<const i64> t, Span<const i32> x, Span<const i32> y, i64 width, i64 height, double radius,
                     double alpha, double beta, Span<i32> degree, Rows<i32> source) {
     i64 n = t.size(), count = 0;

@@ -12,16 +12,16 @@ struct Network {
     struct Layer {
         std::shared_ptr<const Kernel> kernel;
         bool is_pooled, is_average;
-        Grid grid;  // that its rows are pooled into
+        Grid grid;  // grid into which the rows are pooled
     };
-    i64 width, height;  // of the sensor
-    i64 k;              // neighbors of an event, at most
+    i64 width, height;  // size of the sensor
+    i64 k;              // largest number of neighbors of an event
     std::shared_ptr<const Metric> metric;
     std::vector<Layer> layers;
     std::shared_ptr<const Table<float>> hidden;  // weights of the first fully connected layer: see `Readout`
 
     const Layer& last() const { return layers.back(); }
-    // The grid that the last rows are pooled into; without pooling, cells of one pixel.
+    // The grid into which the last rows are pooled; without pooling, it has cells of one pixel.
     Grid grid() const {
         for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
             if (layer->is_pooled) return layer->grid;
@@ -55,7 +55,7 @@ struct Events {
     }
 };
 
-// Lock of a state: one caller at a time; none after a change was interrupted halfway.
+// Lock of a state: it allows one caller at a time, and no caller after a change was interrupted.
 class Turns {
 public:
     std::unique_lock<std::mutex> take() {

@@ -12,7 +12,7 @@ inline void require_size(bool fits) { require(fits, "an array of another size is
 // Set the features of a node, and mark it if they changed.
 inline void set_features(Features& features, i64 node, Span<const float> values) {
     Span<float> row = features.values[node];
-    // NaN is a change
+    // NaN counts as a change
     if (std::equal(row.begin(), row.end(), values.begin())) return;
     if (!features.changed.has(node)) {
         std::copy(row.begin(), row.end(), features.before[node].begin());
@@ -21,7 +21,7 @@ inline void set_features(Features& features, i64 node, Span<const float> values)
     std::copy(values.begin(), values.end(), row.begin());
 }
 
-// Features for another layer of the same graph, of the rows that were computed.
+// Update the features for another layer of the same graph from the rows that were computed.
 inline void activate(const CellLayer& layer, Features& features) {
     std::vector<float> active(std::size_t(layer.out.columns()));
     for (i64 row : layer.rows) {
@@ -33,7 +33,7 @@ inline void activate(const CellLayer& layer, Features& features) {
 
 constexpr unsigned OFTEN = 1 << 12;  // members between two polls for Ctrl-C
 
-// Pools the rows below, before their activation, of the cells in `rescan`. O(their members · channels).
+// Pools the rows below, before their activation, for the cells in `rescan`. O(members of these cells · channels).
 class Pooling {
 public:
     Pooling(bool is_average, i64 channels) : is_average_(is_average), pooled_(channels), sums_(channels) {}
@@ -51,7 +51,7 @@ private:
     bool is_average_;
     std::vector<float> pooled_;
     std::vector<double> sums_;
-    unsigned members_ = 0;  // that were pooled, up to a wrap
+    unsigned members_ = 0;  // number of pooled members, modulo 2^32
 
     void maximum(const Cells& cells, i64 cell, const Table<float>& below, Interrupt& interrupt) {
         std::fill(pooled_.begin(), pooled_.end(), 0.0f);
@@ -82,9 +82,9 @@ class Readout {
 public:
     i64 products = 0;
     std::vector<double> sum;  // by hidden unit
-    Table<float> shown;       // features that it has, by cell
+    Table<float> shown;       // features to which the sums apply, by cell
 
-    // Rows of `weight`: of each cell, those of each channel. A network without the layer has weights without columns.
+    // `weight` has a row for each channel of each cell. A network without this layer has weights without columns.
     Readout(std::shared_ptr<const Table<float>> weight, i64 cells, i64 channels)
         : sum(std::size_t(weight->columns())), shown(cells, channels), weight_(std::move(weight)) {}
 

@@ -31,7 +31,7 @@ public:
         turns_.begin_change();
         Interrupt interrupt;
         if (events.size() && count_before(until) == size()) {
-            // times begin again where they may, so that their sums stay small
+            // the origin of times is moved if possible, so that sums of times stay small
             advance(until, {}, interrupt);
             origin_ = events.t[0];
         }
@@ -66,22 +66,22 @@ public:
 private:
     Network network_;
     SlidingGraph graph_;
-    Table<float> polarity_;  // of events, by row: 1 or -1
+    Table<float> polarity_;  // polarity of events, by row: 1 or -1
     Convolution events_;     // the first layer, and its results by row
     Table<float> out_;
-    std::vector<i64> rows_;         // of events, computed in this step
-    std::vector<Cells> pooled_;     // graphs pooled of the first pooled one
-    std::vector<CellLayer> layers_;    // after the first
-    std::vector<Pooling> poolings_;    // of all layers
-    std::vector<Features> features_;   // that all layers result in
+    std::vector<i64> rows_;         // rows of events that this step computed
+    std::vector<Cells> pooled_;     // graphs that are pooled from the first pooled one
+    std::vector<CellLayer> layers_;    // layers after the first one
+    std::vector<Pooling> poolings_;    // poolings of all layers
+    std::vector<Features> features_;   // results of all layers
     Readout readout_;
-    i64 origin_ = 0, last_ = 0;  // times of the window's events are from `origin_` on
+    i64 origin_ = 0, last_ = 0;  // origin of the times in the window; last time
     Turns turns_;
 
     static SlidingGraph graph_of(const Network& network) {
         require(!network.layers.empty() && network.layers[0].is_pooled && network.hidden,
                 "the first layer must be pooled, and the network complete");
-        // offsets that are near lie in a circle: the farthest along an axis is the farthest of all
+        // near offsets form a disk, so the farthest one along an axis is the farthest of all
         i64 far = 0;
         for (const Metric::Offset& offset : network.metric->offsets) far = std::max(far, i64(offset.x));
         Window window = network.window();
@@ -126,7 +126,7 @@ private:
 
     void update_events(Interrupt& interrupt) {
         i64 first = window().first, next = window().next;
-        // of the events that have not gone
+        // for events that are still in the window
         graph_.dirty.drain(rows_, [&](i64 row) { return first + window().row_of(row - first) < next; });
         convolve(events_, window(), polarity_, Span<const i64>(rows_), out_, interrupt);
         for (i64 row : rows_) graph_.cells.rescan.mark(graph_.cell_of(row));

@@ -15,13 +15,13 @@ class SlidingGraph {
 public:
     Window window;
     Cells cells;
-    Marks dirty;  // rows of events whose neighbors changed, also of some that have gone
+    Marks dirty;  // rows of events whose neighbors changed, including some events that left
 
     SlidingGraph(std::shared_ptr<const Metric> metric, Window&& empty, Cells&& pooled)
         : window(std::move(empty)), cells(std::move(pooled)), dirty(window.capacity()), metric_(std::move(metric)),
           near_(window.pixels.size()) {}
 
-    // Remove the events before time `until` and append others, for which there is room and which are no earlier.
+    // Remove the events before time `until`, and append others, which must fit into the arrays and be no earlier.
     void slide(i64 until, Span<const i64> t, Span<const i16> x, Span<const i16> y, Interrupt& interrupt) {
         unsigned steps = 0;
         auto poll = [&] {
@@ -61,7 +61,7 @@ public:
 private:
     std::shared_ptr<const Metric> metric_;
     Marks near_;  // pixels near events that left
-    // Append events to an empty window. Finding all neighbors at once takes less time than one after the other.
+    // Append events to an empty window. Finding all neighbors at once is faster than for one event after the other.
     template <class Poll>
     void fill(Span<const i64> t, Span<const i16> x, Span<const i16> y, Poll poll) {
         i64 n = t.size(), first = window.next, k = std::max(std::min(window.k, n - 1), i64(1));
@@ -85,7 +85,7 @@ private:
         }
     }
 
-    // Remove the oldest event, its own edges, and mark the pixels near it.
+    // Remove the oldest event and its edges, and mark the pixels near it.
     void leave() {
         i64 row = window.row_of(window.first), home = cell_of(row);
         count_own(row, -1);
@@ -97,7 +97,7 @@ private:
             if (window.is_inside(x + offset.x, y + offset.y)) near_.mark((y + offset.y) * window.width + x + offset.x);
     }
 
-    // Remove the neighbors of an event that left, and find others in their place.
+    // Remove the neighbors of an event that left the window, and find others in their place.
     void forget(i64 number) {
         i64 row = window.row_of(number), home = cell_of(row);
         dirty.mark(row);
@@ -157,7 +157,7 @@ private:
         }
     }
 
-    // Add, or take away, the edges to an event.
+    // Add or remove the edges to an event.
     void count_own(i64 row, int way) {
         i64 home = cell_of(row);
         for (i32 n = 0; n < window.degree[row]; ++n)

@@ -1,9 +1,9 @@
 // Neighbors of the events in a sliding window: after every step they equal those of `near_sources`.
 //
-// Events are numbered in the order in which they arrive. Each pixel has its events' numbers in a row, so that those
-// next to a time are found by binary search. An event that arrives can be among the k nearest only of the newest k
-// events of a pixel, and one that leaves only of the oldest k, because events of a pixel are nearer to each other. So a
-// step tests at most k events of each pixel nearby, however many there are.
+// Events are numbered in the order in which they arrive. The numbers of the events of a pixel are adjacent in memory,
+// so that those next to a time are found by binary search. A new event can be among the k nearest neighbors only of the
+// newest k events of a pixel, and an event that leaves only of the oldest k, because events of one pixel are nearer to
+// each other. So a step tests at most k events of each pixel nearby.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 
 namespace nvsdata::streaming {
 
-constexpr i64 MOST_EVENTS = i64(1) << 28;  // places of pixels' events are 32-bit numbers
+constexpr i64 MOST_EVENTS = i64(1) << 28;  // places of the events of pixels are 32-bit numbers
 constexpr i64 MOST_PIXELS = i64(1) << 30;  // so are places on a sensor
 
 // Distances of events: see `near_sources`.
@@ -42,19 +42,19 @@ struct Metric {
 class Window {
 public:
     i64 width, height, k;
-    i64 first = 0, next = 0;  // number of the first event, and of the next one
+    i64 first = 0, next = 0;  // numbers of the first event in the window and of the next new one
     Column<i64> t;            // by row
     Column<i32> x, y;
-    Table<i64> source;  // numbers of each event's neighbors, and their squared distances; `degree` of them count
+    Table<i64> source;  // neighbors of each event, and squared distances; `degree` of them are valid
     Table<double> far;
     Column<i32> degree, worst;  // worst: place of the farthest neighbor
 
     struct Pixel {
-        i32 base = 0, room = 0, begin = 0, size = 0;  // where in `slots` there is room, and the pixel's events
+        i32 base = 0, room = 0, begin = 0, size = 0;  // reserved range in `slots`; range of the events
         i32 end() const { return begin + size; }
     };
     Column<Pixel> pixels;
-    Column<i64> slots;  // numbers of the pixels' events, ascending
+    Column<i64> slots;  // numbers of the events of each pixel, ascending
 
     Window(i64 wide, i64 high, i64 room, i64 neighbors)
         : width(wide), height(high), k(neighbors), t(room), x(room), y(room), source(room, k), far(room, k),
@@ -66,7 +66,7 @@ public:
     bool is_inside(i64 u, i64 v) const { return u >= 0 && u < width && v >= 0 && v < height; }
     Place place(i64 row) const { return {x[row], y[row], t[row]}; }
     i64 pixel_of(i64 row) const { return y[row] * width + x[row]; }
-    // Number of the oldest event whose row isn't written again: rows of events that have gone may still be needed.
+    // Number of the oldest event whose row isn't overwritten yet: rows of removed events may still be needed.
     i64 oldest() const { return std::max(next - t.size(), i64(0)); }
 
     // Append an event, without neighbors.
@@ -79,7 +79,7 @@ public:
         ++pixel.size;
     }
 
-    // Remove the oldest event from its pixel; its row stays until it is written again.
+    // Remove the oldest event from its pixel; its row stays until it is overwritten.
     void pop() {
         Pixel& pixel = pixels[pixel_of(row_of(first++))];
         ++pixel.begin;
@@ -100,7 +100,7 @@ public:
         }
     }
 
-    // Take an event as a neighbor if it is among the nearest; returns whether it is.
+    // Add an event as a neighbor if it is among the nearest; returns whether it is.
     bool offer(i64 row, i64 other, double apart, const Metric& metric) {
         double gap = double(gap_to(row, other)), here = apart + metric.beta * (gap * gap);
         if (here > metric.limit) return false;
@@ -144,17 +144,17 @@ public:
     }
 
 private:
-    i32 used_ = 0;  // end of the room in `slots` that pixels have
+    i32 used_ = 0;  // end of the reserved part of `slots`
 
     // Differences of times may need all 64 bits.
     i64 gap_to(i64 row, i64 other) const { return gap(t[row_of(other)], t[row]); }
 
-    // Room for another event of a pixel, at least twice its events now and then.
+    // Reserve a slot for another event of a pixel; from time to time, twice as many as it has events.
     void make_room(Pixel& pixel) {
         i32 base = pixel.base;
         if (2 * pixel.size >= pixel.room) {
             i32 need = 2 * pixel.size + 2;
-            // afterwards twice the number of events is in use, at most half of the slots
+            // afterwards twice the number of events is reserved, which is at most half of the slots
             if (used_ + i64(need) > slots.size()) repack();
             base = used_;
             used_ += need;
@@ -165,7 +165,7 @@ private:
         pixel.base = pixel.begin = base;
     }
 
-    // Give each pixel twice the room that it needs.
+    // Reserve twice the slots that each pixel needs.
     void repack() {
         Column<i64> old = slots;
         used_ = 0;
@@ -178,7 +178,8 @@ private:
         }
     }
 
-    // Offer the events of a pixel to an event: first newer ones outward, then older ones by runs of equal times.
+    // Offer the events of a pixel to an event as neighbors: first newer ones outward, then older ones by runs of equal
+    // times.
     void offer_pixel(i64 number, i64 row, const Pixel& pixel, double apart, const Metric& metric) {
         const i64* all = Span<i64>(slots).part(pixel.begin, pixel.end()).begin();
         const i64* end = all + pixel.size;
@@ -193,7 +194,7 @@ private:
         }
     }
 
-    // The first event at the time of the one before `last`. Near ones are tried first.
+    // The first event at the time of the event before `last`. Events near `last` are tried first.
     const i64* start_of_run(const i64* all, const i64* last) const {
         i64 time = t[row_of(last[-1])], step = 1;
         const i64* low = last - 1;
