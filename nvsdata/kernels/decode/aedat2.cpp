@@ -8,7 +8,7 @@ namespace nvsdata {
 
 namespace {
 
-constexpr i64 DVS128 = 0;       // layout of addresses; all others have a DAVIS's
+constexpr i64 DVS128 = 0;       // layout of addresses; all others are those of a DAVIS
 constexpr i64 OFTEN = 1 << 14;  // records between two polls for Ctrl-C
 
 u64 swapped(u64 word) {
@@ -17,7 +17,7 @@ u64 swapped(u64 word) {
     return word << 32 | word >> 32;
 }
 
-// x and y are mirrored within the chip, whose last pixel is at `right` and `bottom`.
+// x and y are mirrored within the chip, whose last pixel is (`right`, `bottom`).
 struct Dvs128 {
     i32 right, bottom;
     static u64 turned(u64 word) { return swapped(word); }

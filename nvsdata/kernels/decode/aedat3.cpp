@@ -18,9 +18,10 @@ constexpr i64 POLARITY_EVENT = 1;     // type of packets
 constexpr i64 HEADER = 28;            // bytes
 constexpr i64 SIZE = 8;               // bytes of a polarity event
 constexpr i64 BITS_31 = i64(1) << 31; // counts are below it
-constexpr i64 DISORDER_US = 1'000;    // by which an event may lie before its packet's first or after its last event
+constexpr i64 DISORDER_US = 1'000;    // µs by which an event may be outside the first and last time of its packet
 constexpr i64 OFTEN = 1 << 10;        // packets between two polls for Ctrl-C
-// Faults of a file of packets: torn, damaged, or cut while it was read. FULL: there are more packets than rows.
+// Faults of a file of packets: truncated, damaged, or truncated while it was read. FULL: there are more packets than
+// rows.
 enum Fault { FINE, TORN, NONSENSE, CUT, FULL };
 
 // A row of the index of polarity packets: byte of the first event, number of events, µs to add to their times, first
@@ -29,12 +30,12 @@ struct Packet {
     i64 first_byte, number, added, first, last, some_invalid;
 };
 
-// A file's bytes that were read last, at first its known ones.
+// The bytes of a file that were read last, at first the known ones.
 class Near {
 public:
     Near(Span<const u8> known, int descriptor, i64 size) : bytes_(known), descriptor_(descriptor), size_(size) {}
 
-    // Let words from `at` up to `end`, at most the file's size, be near; false if the file was cut.
+    // Read the words from `at` up to `end`, at most the file's size, if necessary; false if the file was truncated.
     bool reach(i64 at, i64 end) {
         if (begin_ <= at && end <= begin_ + bytes_.size()) return true;
         Span<u8> fresh(room_.data(), std::min(i64(room_.size()), size_ - at));
@@ -67,7 +68,7 @@ std::tuple<i64, int, i64> aedat3_packets(Span<const u8> known, int descriptor, i
         i64 overflow = near.word(at + 12), number = near.word(at + 20), valid = near.word(at + 24);
         bool counts = length > 0 && length < BITS_31 && number < BITS_31 && valid <= number && overflow < BITS_31;
         if (!counts || (kind == POLARITY_EVENT && (length != SIZE || when != 4))) return {count, NONSENSE, at};
-        // the complete events of a torn packet are kept, so what follows lies within the file
+        // the complete events of a truncated packet are kept, so the following bytes are within the file
         i64 first = at + HEADER, whole = std::min(number, (size - first) / length);
         if (kind == POLARITY_EVENT && whole) {
             if (count == packets.rows()) return {count, FULL, at};
@@ -87,7 +88,7 @@ std::tuple<i64, int, i64> aedat3_packets(Span<const u8> known, int descriptor, i
 
 namespace {
 
-// Bounds of a sound event.
+// Bounds of a valid event.
 struct Bounds {
     u32 right, bottom;  // pixels
     u32 early, late;    // 31 bits of time

@@ -32,8 +32,8 @@ NVSDATA_INLINE void write_columns(const i64* words, u64 last, Columns out, Large
         i64 end = std::min(begin + BLOCK, size);
         for (i64 i = begin; i < end; ++i) {
             u64 time = u64(words[2 * i]), rest = u64(words[2 * i + 1]);
-            // differences, because comparisons of 64 bits can't be vectorized everywhere; where one wraps, the other
-            // one is negative
+            // differences, because comparisons of 64 bits can't be vectorized on all processors; if one difference
+            // wraps, the other is negative
             strays |= (last - time) | (last + time);
             t[i] = i64(time);
             x[i] = i16(rest);

@@ -9,12 +9,12 @@ namespace nvsdata {
 
 namespace {
 
-// What is known of a frame: an int64 array of Python's, which reads the first eight.
+// The facts of a frame, an int64 array in Python, which reads the first eight.
 struct FrameFacts {
     i64 start, exposure_start, exposure_end, end;
     i64 left, top, right, bottom;
     i64 before, after;  // numbers of readings of both kinds
-    i64 column;         // that was read last
+    i64 column;         // column that was read last
     i64 way;            // direction of columns, 1 or -1, 0 if not known yet
 };
 
@@ -29,7 +29,7 @@ public:
     }
     const FrameFacts& facts() const { return facts_; }
 
-    // Whether a frame ended before the record, which is taken if not.
+    // Whether a frame ended before the record. If not, the record is processed.
     bool take(i64 address, i64 t) {
         i64 x = address >> 12 & 0x3FF, y = state_.rows() - 1 - (address >> 22 & 0x1FF);
         if (x >= state_.columns() || y < 0) return false;
@@ -45,7 +45,7 @@ public:
 
     // Whether the frame so far is complete; if so, `state` and the counts are reset for the next frame.
     bool ended() {
-        // unsigned, because nothing bounds what Python keeps
+        // unsigned, because values from Python have no bounds
         u64 area = (u64(facts_.right) + 1 - u64(facts_.left)) * (u64(facts_.bottom) + 1 - u64(facts_.top));
         bool whole = facts_.before > 0 && u64(facts_.before) == area && u64(facts_.after) == area;
         if (whole) {

@@ -13,10 +13,10 @@ namespace nvsdata {
 namespace {
 
 constexpr i64 SIZE = 5;                // bytes of a record
-constexpr i64 MARKER_Y = 240;          // y of a record that isn't an event but adds to later times; above it: damage
-constexpr i64 MARKER_US = 1 << 13;     // what it adds
-constexpr i64 FULL_US = i64(1) << 23;  // what a record's own time is below
-constexpr i64 BLOCK = 512;             // records that are looked at together
+constexpr i64 MARKER_Y = 240;          // y of an overflow record, which adds to later times; a larger y is damage
+constexpr i64 MARKER_US = 1 << 13;     // µs that an overflow record adds
+constexpr i64 FULL_US = i64(1) << 23;  // the time in a record is below it
+constexpr i64 BLOCK = 512;             // records that are processed together
 constexpr i64 OFTEN = 1 << 14;         // records between two polls for Ctrl-C
 
 // The states of Python's `atis_walk` and `atis_decode`, in the same order.
@@ -31,9 +31,9 @@ i64 time_at(Span<const u8> raw, i64 i) {
     return i64(raw[SIZE * i + 2] & 0x7F) << 16 | i64(raw[SIZE * i + 3]) << 8 | raw[SIZE * i + 4];
 }
 
-// Records from one on as words, of which five bytes count: so that loops over them are vectorized.
+// Records as words of which five bytes are valid, so that loops over them are vectorized.
 void gather(Span<const u8> raw, i64 from, Span<u64> words) {
-    // the last record of all may have only five bytes
+    // the last record of the file may have only five bytes
     i64 wide = std::min(words.size(), raw.size() / SIZE - 1 - from);
     for (i64 i = 0; i < wide; ++i) words[i] = word_at<u64>(raw, SIZE * (from + i));
     for (i64 i = wide; i < words.size(); ++i)
@@ -42,7 +42,7 @@ void gather(Span<const u8> raw, i64 from, Span<u64> words) {
 
 i64 time_of(u64 word) { return i64((word >> 32 & 0xFF) | (word >> 16 & 0xFF00) | (word & 0x7F0000)); }
 
-// Largest x and y of some records, and the number of times that fell.
+// Largest x and y of some records, and the number of decreases of time.
 struct Summary {
     i32 right = 0, bottom = 0;
     i64 falls = 0;
@@ -60,7 +60,7 @@ NVSDATA_INLINE void summarize(Span<const u64> words, Summary* out) {
 
 Summary summary(Span<const u8> raw) {
     alignas(64) u64 room[BLOCK + 8];
-    u64* words = room + 7;  // the record before, at first one of time 0, and from an aligned place on the others
+    u64* words = room + 7;  // the previous record (at first one of time 0), and the others from an aligned address on
     words[0] = 0;
     Summary found;
     for (i64 from = 0, size = raw.size() / SIZE; from < size; from += BLOCK) {
@@ -75,7 +75,7 @@ Summary summary(Span<const u8> raw) {
 void walk_with_markers(Span<const u8> raw, i64 block, Walk& walk, Span<i64> times, Rows<i64> offsets) {
     for (i64 i = 0; i < raw.size() / SIZE; ++i) {
         i64 record = walk.records + i, y = raw[SIZE * i + 1];
-        // a marker's own time has no meaning
+        // the time in an overflow record has no meaning
         i64 time = y >= MARKER_Y ? walk.last : plus(time_at(raw, i), walk.overflow);
         if (record % block == 0) times[record / block] = time, offsets(record / block, 0) = walk.overflow;
         if (y == MARKER_Y) {

@@ -15,17 +15,18 @@ namespace nvsdata {
 
 namespace {
 
-// An index finds how long a block lasts, up to whole wraps, from its first word and the next block's. It reads all
-// words of blocks that seem to last longer than SOON_US, or no time, or whose first PEEK records exceed PEEK_US.
+// An index computes the duration of a block, up to a multiple of the wrap, from the first words of this block and the
+// next. It reads all words of a block that seems to last longer than SOON_US, or 0 µs, or whose first PEEK records
+// exceed PEEK_US.
 constexpr i64 SOON_US = 1 << 26, PEEK = 16, PEEK_US = 100'000;
 constexpr i64 OFTEN = 1 << 14;   // records between two polls for Ctrl-C
-constexpr i64 TOGETHER = 512;    // words that are looked at together
+constexpr i64 TOGETHER = 512;    // words that are processed together
 
 // Steps in time between successive words of a 32-bit counter.
 struct Steps {
     i64 words[TOGETHER + 1];
     i64 step[TOGETHER];
-    int falls = 0, jumps = 0;  // not 0 if a step went back; if one was no camera's
+    int falls = 0, jumps = 0;  // not 0 if a time decreased; not 0 if no camera makes a step
 };
 
 NVSDATA_INLINE void find_steps(i64 count, Steps* steps) {
@@ -126,7 +127,7 @@ void extremes(Span<const i64> t, i64 block, Span<i64> starts, Span<i64> lowest, 
 
 namespace {
 
-// A counter, and how far it may go back or be silent, in its units.
+// A counter, and by how much it may decrease or pause, in its units.
 struct Counter {
     int bits;
     i64 back, silent;
@@ -161,7 +162,7 @@ public:
         for (i64 k = 0; k < size_; ++k) {
             if (k % OFTEN == 0) interrupt.poll();
             i64 word = runs_[k].first;
-            // last words that a run may follow: in its own wrap, the one before and, for a step back, the one after
+            // last words that a run may follow: in the same wrap, the previous one and, for a decrease, the next one
             const std::pair<i64, i64> ranges[] = {
                 {word - ahead, plus(word, counter_.back)},
                 {minus(word + wrap, std::min(counter_.silent, ahead)), wrap - 1},
@@ -183,7 +184,7 @@ public:
                 continue;
             }
             end_[k] = plus(time[k], runs_[k].span);
-            // between a last word far ahead and one that continues, take the latter
+            // prefer a last word that continues to one far ahead
             bool heavier = top < 0 || total_[k] > total_[top];
             if (heavier || (total_[k] == total_[top] && end_[k] < end_[top])) top = k;
             for (i64 i = rank[k] + size_; i > 0; i >>= 1)

@@ -17,8 +17,8 @@ struct Place {
     u32 on, other;  // polarity, not valid above 1; bits that only a record other than an event has
 };
 
-// Decode all words but the first, which belongs to the previous record, as if all were events within the sensor and
-// times never fell; set `has_invalid` if one isn't, or if a time falls.
+// Decode all words except the first, which belongs to the previous record, as if all were events on the sensor and
+// times never decreased; set `has_invalid` if a record isn't such an event, or if a time decreases.
 template <class Layout>
 NVSDATA_INLINE void decode_evenly(Layout layout, Span<const u64> words, i64 offset, i32 right, i32 bottom, Columns out,
                                   int* has_invalid) {
@@ -51,7 +51,7 @@ Found decode_clocked(Layout layout, Span<const u8> raw, i64 block, i64 width, i6
     clock.begin(begun);
     i64 offset = minus(nearest(begun, clock.last(), 32), begun);
     int has_invalid = clock.mixed() || ended - begun >= WRAP_US / 2;
-    alignas(64) u64 words[TOGETHER + 1];  // a copy: the vectorizer wants numbers that no column overlaps
+    alignas(64) u64 words[TOGETHER + 1];  // a copy that no column overlaps, so that loops are vectorized
     // the first record that isn't an event usually comes early, so little is decoded twice
     for (i64 from = 0; from < size && !has_invalid; from += TOGETHER) {
         i64 some = std::min(TOGETHER, size - from);

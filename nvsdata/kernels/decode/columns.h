@@ -1,9 +1,9 @@
-// What decoders take and return.
+// Arguments and results of decoders.
 //
-// A decoder takes some records of a file, as bytes, and the state before them, which it updates to that after them.
-// It fills the columns t, x, y and p (int64 µs, int16, int16, uint8) from index `kept` on, and returns the number of
-// events, and the index of the first record whose coordinates lie outside the sensor, or whose polarity is neither 0
-// nor 1 (-1 if none). A sensor of unknown size is larger than any place.
+// A decoder takes some records of a file, as bytes, and the state before them, which it updates to the state after
+// them. It fills the columns t, x, y and p (int64 µs, int16, int16, uint8) from index `kept` on. It returns the number
+// of events, and the index of the first record with coordinates outside the sensor or a polarity other than 0 and 1 (-1
+// if there is none). A sensor of unknown size is larger than any coordinate.
 #pragma once
 
 #include <cstring>
@@ -22,7 +22,7 @@ struct Columns {
     Span<i16> x, y;
     Span<u8> p;
 
-    // Room for `size` events from index `kept` on.
+    // Columns with space for `size` events from index `kept` on.
     Columns(Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p, i64 kept, i64 size) : t(t), x(x), y(y), p(p) {
         for (i64 room : {t.size(), x.size(), y.size(), p.size()})
             require(kept >= 0 && size >= 0 && kept <= room && size <= room - kept,
@@ -46,13 +46,13 @@ State load(Span<const i64> numbers) {
     return state;
 }
 
-// Only into the array that a state was loaded from.
+// Store a state only in the array from which it was loaded.
 template <class State>
 void store(const State& state, Span<i64> numbers) {
     std::memcpy(numbers.data(), &state, sizeof state);
 }
 
-// The word of a little-endian file at some byte. Bytes of a file may lie at any address.
+// The word of a little-endian file at some byte. The bytes may be at any address.
 template <class Word>
 Word word_at(Span<const u8> raw, i64 byte) {
     check_index(u64(byte), u64(raw.size()));

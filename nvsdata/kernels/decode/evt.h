@@ -1,5 +1,5 @@
-// What Prophesee's EVT encodings share: words with the high bits of the time, and what is noted while words pass. See
-// evt.py.
+// Shared parts of Prophesee's EVT encodings: words with the high bits of the time, and the facts that a walk collects.
+// See evt.py.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,7 @@ namespace nvsdata {
 constexpr u32 TRIGGER = 0xA;  // type of a word
 constexpr i64 FAR_X = 32'767;  // pixels; events have x below it
 
-// Words of a file, which may lie at any address.
+// Words of a file, which may be at any address.
 template <class Word>
 class Words {
 public:
@@ -26,14 +26,14 @@ private:
     i64 size_;
 };
 
-// What was seen until now.
+// Facts about the words so far.
 struct Seen {
     i64 last, first;  // times of the last and of the first event, -1 before any
-    i64 falls;        // times that fell
-    i64 words;        // before the piece
+    i64 falls;        // number of decreases of time
+    i64 words;        // number of words before the piece
     i64 jump;         // the first word that no camera wrote, -1 if there is none
 
-    // Assigned one by one, because this keeps them in registers; `load` and `store` don't.
+    // Fields are assigned one by one, because this keeps them in registers, unlike `load` and `store`.
     explicit Seen(Span<const i64> seen) {
         require(seen.size() == 5, "what was seen has 5 numbers");
         last = seen[0], first = seen[1], falls = seen[2], words = seen[3], jump = seen[4];
@@ -49,7 +49,7 @@ struct Seen {
         falls = plus(falls, time < last);
         last = time;
     }
-    // Note word i of the piece, if it's the first that no camera wrote.
+    // Store the number of word i of the piece if it is the first that no camera wrote.
     void note_jump(i64 i) {
         if (jump < 0) jump = plus(words, i);
     }
@@ -58,7 +58,7 @@ struct Seen {
 // High parts of the time, of `bits` bits above the lowest `shift`; in µs, -1 before the first.
 template <int bits, int shift>
 struct High {
-    // The high part that a word showing `raw` stands for, after the high part `before`.
+    // The high part of a word with the value `raw`, after the high part `before`.
     static i64 next(i64 before, i64 raw) {
         i64 now = before >= 0 ? nearest(raw, before >> shift, bits) : first_time(raw, bits);
         return i64(u64(now) << shift);
@@ -77,7 +77,7 @@ i64 count_triggers(Span<const u8> raw) {
     Words<Word> words(raw);
     i64 count = 0;
     for (i64 start = 0; start < words.size(); start += BLOCK) {
-        // of a word's size, so that many words are counted together
+        // with the size of a word, so that many words are counted together
         Word sum = 0;
         for (i64 i = start, stop = std::min(start + BLOCK, words.size()); i < stop; ++i)
             sum = Word(sum + (Word(words[i] >> SHIFT & 0xF) == Word(TRIGGER)));
@@ -106,14 +106,14 @@ void by_blocks(i64 words, i64 block, i64 before, i64 blocks, Begin begin, Pass p
     }
 }
 
-// The high part, of `bits` bits, to write after `before` on the way to `high`, both without wraps taken off; -1 before
-// the first.
+// The high part, of `bits` bits, to write after `before` on the way to `high`. Both include wraps; `before` is -1 at
+// the beginning.
 inline i64 shown_next(i64 before, i64 high, int bits) {
     i64 half = i64(1) << (bits - 1), end = before | (2 * half - 1);
     return before == end ? plus(end, 1) : std::min({plus(before, half - 1), end, high});
 }
 
-// Writes words where there is room that was counted before.
+// Writes words into an array whose size was counted before.
 template <class Word>
 class Writer {
 public:
@@ -122,7 +122,7 @@ public:
         require(count_ < words_.size(), "too little room for the words");
         words_[count_++] = Word(word);
     }
-    // Places for more words.
+    // Advance by some words, and return their place.
     Span<Word> take(i64 count) {
         require(count <= words_.size() - count_, "too little room for the words");
         count_ += count;

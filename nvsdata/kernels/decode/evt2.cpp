@@ -11,10 +11,10 @@ namespace {
 
 enum Kind : u32 { OFF, ON, TIME = 0x8 };
 constexpr i64 GROUP = 32;  // pixels
-constexpr int LOW = 6;     // bits of the time that an event has
+constexpr int LOW = 6;     // bits of the time in an event
 using Highs = High<28, LOW>;
 
-// The half of a word that EVT2 and EVT 2.1 share, and which of the pixels from x on have its event.
+// The half of a word that EVT2 and EVT 2.1 share, and the mask of the pixels from x on that have its event.
 u32 head(u32 word) { return word; }
 u32 head(u64 word) { return u32(word); }
 u32 pixels(u32) { return 1; }
@@ -26,7 +26,7 @@ i64 low_part(u32 head) { return head >> 22 & 0x3F; }
 i64 column(u32 head) { return head >> 11 & 0x7FF; }
 i64 row(u32 head) { return head & 0x7FF; }
 
-// The high part of the time: an array of Python's, of one number.
+// The high part of the time, an array of one number in Python.
 struct State {
     i64 high;
 
@@ -36,7 +36,7 @@ struct State {
     }
     void keep(Span<i64> numbers) const { numbers[0] = high; }
     bool has_time() const { return high >= 0; }
-    // Take word i of a piece, of time.
+    // Process word i of a piece, which is a time word.
     void take_high(u32 word, i64 i, Seen& seen) {
         i64 before = std::exchange(high, Highs::next(high, high_part(word)));
         if (Highs::is_jump(before, high)) seen.note_jump(i);
@@ -85,7 +85,7 @@ Found evt2_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
     for (i64 i = 0; i < words.size(); ++i) {
         u32 word = words[i];
         if (kind(word) == TIME) now.take_high(word, i, noted);
-        // without a branch: a word that is no event is written over; `count` is at most i
+        // without a branch: a word that is no event is overwritten; `count` is at most i
         out.t[count] = now.time(word);
         out.x[count] = i16(column(word));
         out.y[count] = i16(row(word));
@@ -207,7 +207,7 @@ i64 evt21_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<c
         i64 base = x[i] & -GROUP;
         writer.put(event_word(t[i], base, y[i], p[i]));
         u32 mask = u32(1) << (x[i] - base);
-        // neighbors follow in their order, so that reading gives it back
+        // adjacent pixels follow in their order, so that reading restores it
         for (++i; i < t.size() && t[i] == t[i - 1] && y[i] == y[i - 1] && p[i] == p[i - 1] && x[i] > x[i - 1] &&
                   x[i] < base + GROUP;
              ++i)

@@ -18,9 +18,9 @@ u32 polarity(u32 word) { return word >> 11 & 1; }
 
 using Highs = High<12, 12>;
 
-// What words before say about an event: an array of Python's.
+// The facts that earlier words state about an event, an array in Python.
 struct State {
-    i64 high, time;  // the high part of the time, and the time; the array has the low part in its place
+    i64 high, time;  // the high part of the time, and the time; the array has the low part instead of the time
     i64 row, base, polarity;
 
     explicit State(Span<const i64> state) {
@@ -31,7 +31,7 @@ struct State {
         state[0] = high, state[1] = minus(time, high), state[2] = row, state[3] = base, state[4] = polarity;
     }
     bool has_time() const { return high >= 0; }
-    // For any word, without branches for what comes in any order.
+    // Process any word, without branches for kinds that come in any order.
     void take_common(u32 word) {
         row = kind(word) == Y ? word & 0x7FF : row;
         time = kind(word) == LOW ? plus(high, word & 0xFFF) : time;
@@ -43,13 +43,13 @@ struct State {
     // Returns true if no camera wrote the word.
     bool take_high(u32 word) {
         i64 before = std::exchange(high, Highs::next(high, word & 0xFFF));
-        // the low part that is in force belongs to the tick before
+        // the current low part belongs to the previous high part
         if (high != before) time = high;
         return Highs::is_jump(before, high);
     }
 };
 
-// Also negative: a state may come from a file's index.
+// x may be negative, because a state may come from the index of a file.
 bool outside(i64 pixel, i64 end) { return u64(pixel) >= u64(end); }
 i64 vector_size(u32 word) { return kind(word) == VECTOR_12 ? 12 : 8; }
 
@@ -90,7 +90,7 @@ void evt3_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, R
 }
 
 NVSDATA_INLINE void evt3_add(Span<const u8> raw, i64* count) {
-    constexpr i64 BLOCK = 4096;  // words with fewer events than 16 bits count
+    constexpr i64 BLOCK = 4096;  // words, whose number of events fits 16 bits
     Words<u16> words(raw);
     for (i64 start = 0; start < words.size(); start += BLOCK) {
         u16 sum = 0;
@@ -122,11 +122,11 @@ Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
     Seen noted(seen);
     for (i64 i = 0; i < words.size();) {
         require(count < room, "columns are too short for the events");
-        // as many words as there is room for if each is an event
+        // as many words as fit if each is an event
         for (i64 stop = std::min(words.size(), i + room - count); i < stop; ++i) {
             u32 word = words[i];
             now.take_common(word);
-            // without branches for what comes in any order: a word that is no event is written over
+            // without branches for kinds that come in any order: a word that is no event is overwritten
             i64 column = word & 0x7FF;
             out.t[count] = now.time;
             out.x[count] = i16(column);
@@ -185,7 +185,7 @@ i64 evt3_triggers(Span<const u8> raw, Span<i64> state, Span<i64> t, Span<u8> cha
 
 namespace {
 
-// Writes events of one row and time at rising `x`, as vectors where these are shorter.
+// Writes the events of one row and time at increasing `x`, as vectors where these are shorter.
 void write_row(Writer<u16>& writer, Span<const i16> x, i64 polarity) {
     for (i64 i = 0; i < x.size();) {
         // a base and a vector instead of three events

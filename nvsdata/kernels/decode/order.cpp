@@ -14,7 +14,7 @@ namespace nvsdata {
 namespace {
 
 constexpr i64 BLOCK = 4096;
-constexpr int DIGIT = 11;  // bits of the times that are sorted by at a time
+constexpr int DIGIT = 11;  // bits of the times that one pass sorts
 constexpr u64 MASK = (1 << DIGIT) - 1;
 
 NVSDATA_INLINE void find_falls(Span<const i64> t, bool* falls) {
@@ -30,14 +30,14 @@ NVSDATA_INLINE void find_falls(Span<const i64> t, bool* falls) {
 NVSDATA_INLINE void sort_by_digit(Span<const i32> order, Span<const u64> key, int shift, Span<i32> next_order,
                                   Span<u64> next_key, Interrupt* interrupt) {
     i64 n = order.size();
-    u32 places[MASK + 1] = {};  // of the next event of each value
+    u32 places[MASK + 1] = {};  // place of the next event of each value
     for (i64 i = 0; i < n; ++i) ++places[key[i] >> shift & MASK];
     u32 begin = 0;
     for (u32& place : places) begin += std::exchange(place, begin);
     for (i64 start = 0; start < n; start += BLOCK) {
         interrupt->poll();
         for (i64 i = start, stop = std::min(start + BLOCK, n); i < stop; ++i) {
-            // below n, because as many were counted
+            // below n, because n events were counted
             i64 to = places[key[i] >> shift & MASK]++;
             next_order[to] = order[i];
             next_key[to] = key[i];
@@ -49,7 +49,7 @@ NVSDATA_INLINE void move(Span<const i64> t, Span<const float> moves, double sigm
     for (i64 i = 0; i < t.size(); ++i) {
         double move = std::rint(double(moves[i]) * sigma);
         double back = double(i64(u64(start) - u64(t[i]))), ahead = double(i64(u64(end) - u64(t[i])));
-        // compared before it's added, because it may be beyond int64
+        // compared before the addition, which may overflow int64
         if (move >= ahead)
             out[i] = end;
         else if (move > back)
@@ -71,7 +71,7 @@ i64 late(Span<const i64> t, Span<i64> found) {
     i64 count = 0, n = t.size(), latest = t.empty() ? 0 : t[0];
     if (found.empty()) return 0;
     for (i64 i = 0; i < n; ++i) {
-        // a loop of its own, because most times rise
+        // a separate loop, because most times increase
         for (; i < n && t[i] >= latest; ++i) latest = t[i];
         if (i < n) found[count++] = i;
         if (count == found.size()) break;
@@ -89,7 +89,7 @@ void merge_late(Span<const i64> late, Span<const i64> order, Span<const i64> t, 
         bool rises = late[i] > (i ? late[i - 1] : -1);
         require(rises && late[i] < n && u64(order[i]) < u64(n), "late events must be numbers of events, ascending");
     }
-    // n events are written: all but the late ones, and as many
+    // n events are written: those that aren't late, and the late ones
     i64 kept = 0, following = 0, merged = 0;
     for (i64 i = 0; i < n; ++i) {
         if (following < late.size() && late[following] == i) {

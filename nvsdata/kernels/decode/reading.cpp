@@ -10,7 +10,7 @@ i64 read_samples(int handle, i64 begin, i64 step, Rows<u8> out) {
     for (i64 i = 0; i < out.rows(); ++i) {
         // a read may wait for the disk
         if (i % 64 == 63) interrupt.poll();
-        // unsigned, because a caller may step far beyond any file
+        // unsigned, because a step may lead far beyond the file
         if (!read_at(handle, i64(u64(begin) + u64(i) * u64(step)), out[i])) return i;
     }
     return out.rows();

@@ -13,11 +13,11 @@ void copy_where(Span<const bool> keep, Span<const i64> t, Span<const i16> x, Spa
     i64 room = to_t.size();
     Columns to{to_t, to_x, to_y, to_p, 0, room};
     require(keep.size() == from.size(), "the mask must be as long as the columns");
-    // bytes, because those of an array that was viewed as bool may be any
+    // bytes, because an array that was viewed as bool may have any bytes
     Span<const u8> bytes(reinterpret_cast<const u8*>(keep.data()), keep.size());
     i64 kept = 0;
     for (i64 i = 0; i < from.size() && kept < room;)
-        // as many as fit if all are kept; without a branch: what isn't kept is written over
+        // as many as fit if all are kept; without a branch: events that aren't kept are overwritten
         for (i64 stop = std::min(from.size(), i + room - kept); i < stop; ++i) {
             from.copy(i, to, kept);
             kept += bytes[i] != 0;

@@ -44,7 +44,7 @@ NVSDATA_INLINE void convert(const From* from, To* to, i64 size) {
     for (i64 i = 0; i < size; ++i) to[i] = To(from[i]);
 }
 
-// Write the times from `start` up to `stop`, with `base` added; `t` may lie where they are written. Returns the index
+// Write the times from `start` up to `stop`, with `base` added; `t` may overlap the output. Returns the index
 // of the first one, and their number.
 template <class Time>
 std::pair<i64, i64> times_between(Span<const Time> t, i64 base, i64 start, i64 stop, Span<i64> out) {
@@ -63,7 +63,7 @@ struct Stored {
     int handle;
     i64 begin;  // byte of the first item
     int width;  // bytes of an item
-    // of an item; unsigned, because nothing bounds what a caller gives
+    // byte of an item; unsigned, because the argument has no bounds
     i64 byte(i64 item) const { return i64(u64(begin) + u64(item) * u64(width)); }
 };
 

@@ -27,7 +27,7 @@ struct Reader {
     bool more() const { return i < raw.size(); }
     u8 here() const { return raw[i]; }
 
-    // Numbers of the line: how many, and what is wrong, at byte `where`. Goes on to the next line.
+    // Read the numbers of a line: their number, the fault and its byte `where`. Continues at the next line.
     std::pair<int, Fault> line(bool seconds_first, i64& where) {
         int found = 0;
         Fault fault = OK;
@@ -50,8 +50,8 @@ struct Reader {
         return {found, fault};
     }
 
-    // One decimal number; goes on to the byte after it, or at which it turns out to be none. With `seconds`, a fraction
-    // is allowed and the value is in µs. Without, a number may end in `.0`. Numbers beyond i64 are refused.
+    // Read one decimal number. Continues at the byte after it, or at the byte that makes it invalid. With `seconds`, a
+    // fraction is allowed and the value is in µs. Without, a number may end in `.0`. Numbers beyond i64 are refused.
     bool number(bool seconds, i64& value) {
         bool negative = here() == '-';
         if (negative) ++i;

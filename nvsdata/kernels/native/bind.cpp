@@ -19,7 +19,7 @@ struct Function {
 
 std::string text_of(const nb::object& object) { return nb::str(nb::handle(object)).c_str(); }
 
-// An argument as an error shows it.
+// An argument as it is shown in an error.
 std::string shown(nb::handle object) {
     std::string text = text_of(object.type().attr("__name__"));
     if (!nb::hasattr(object, "flags") || !nb::hasattr(object, "dtype")) return text;
@@ -30,7 +30,7 @@ std::string shown(nb::handle object) {
     return text;
 }
 
-// What is wrong with arguments that none of the functions takes.
+// The error for arguments that none of the functions accepts.
 std::string refusal(const Function& function, PyObject* const* given, std::size_t count) {
     Mismatch furthest{0, nullptr};
     for (const Overload& overload : function.overloads) {

@@ -1,9 +1,9 @@
 // Functions of spans and numbers as Python functions of NumPy arrays.
 //
-// An array's dtype, its number of dimensions and, unless it is const, whether it may be written are checked; values are
-// never converted. Arrays that are read may be strided or misaligned: they are copied then. Python's lock is released
-// while a function runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python
-// wrapper. Errors name the function, and a TypeError the argument.
+// The dtype of an array, its number of dimensions and, unless it is const, whether it is writable are checked; values
+// are never converted. Input arrays that are strided or misaligned are copied. Python's lock is released while a
+// function runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python wrapper.
+// Errors name the function, and a TypeError the argument.
 //
 // Functions are Python's own, not nanobind's, and arrays are taken by the buffer protocol, because calls on few events
 // take no longer than nanobind's checks of the arguments. Classes, numbers and results are nanobind's.
@@ -100,13 +100,13 @@ private:
     }
 };
 
-// How a function's argument of a type is made of an object of Python, of which `Found` keeps what it needs.
+// Conversion of a Python object to an argument of some type. `Found` has the data that the argument needs.
 template <class T>
 struct Argument {
     using Plain = std::remove_reference_t<T>;
     using Found = nb::detail::make_caster<Plain>;
 
-    // NumPy's numbers are numbers
+    // numbers of NumPy are accepted, too
     static constexpr unsigned convert = std::is_arithmetic_v<T> ? unsigned(nb::detail::cast_flags::convert) : 0;
     static bool take(PyObject* object, View&, Found& found) {
         return object != Py_None && found.from_python(object, convert, nullptr);
@@ -178,7 +178,7 @@ struct Argument<std::variant<Span<const T>...>> {
     }
 };
 
-// The place of an argument that a function doesn't take, and what it takes there.
+// The position of an argument that a function doesn't accept, and the accepted type.
 struct Mismatch {
     std::size_t place;
     const char* type;
@@ -192,7 +192,7 @@ struct Overload {
     Mismatch (*first_mismatch)(PyObject* const* given);
 };
 
-// Let the module have a function that calls the first of its overloads that takes the arguments.
+// Add a function to the module that calls its first overload that accepts the arguments.
 void add_overload(nb::module_& module, const char* name, const Overload& overload);
 
 // Let Python raise the exception that is being handled, with the function's name in front of the message.
@@ -259,7 +259,7 @@ struct Alternatives {
         View views[arguments + 1];
         return Bound<first>::call(name, given, views, result) || (Bound<others>::call(name, given, views, result) || ...);
     }
-    // Of the function that most of the arguments fit, which is likely to be meant.
+    // Fault of the function that accepts most of the arguments, which is probably the intended one.
     static Mismatch first_mismatch(PyObject* const* given) {
         Mismatch furthest{0, nullptr};
         for (Mismatch found : {Bound<first>::first_mismatch(given), Bound<others>::first_mismatch(given)...})

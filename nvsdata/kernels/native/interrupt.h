@@ -27,7 +27,7 @@ private:
     using Clock = std::chrono::steady_clock;
     static constexpr std::chrono::milliseconds pause{100};
     Clock::time_point next_;
-    bool is_started_ = false;  // by the first poll, so that short calls don't read the clock
+    bool is_started_ = false;  // set by the first poll, so that short calls don't read the clock
 };
 
 }  // namespace nvsdata

@@ -1,8 +1,8 @@
 // Loops compiled for several instruction sets of x86-64, of which the processor's best one runs.
 //
-// `best<body>(arguments...)` calls `body`, an NVSDATA_INLINE function. The environment variable
-// NVSDATA_CPU (v2, v3, v4) sets the highest level; v2 is the code that every function has, and all that other compilers
-// and processors get. Results are the same at all levels: no level contracts products and sums (-ffp-contract=off).
+// `best<body>(arguments...)` calls `body`, an NVSDATA_INLINE function. The environment variable NVSDATA_CPU (v2, v3,
+// v4) sets the highest level. Every function has code for v2, which is the only level for other compilers and
+// processors. Results are the same at all levels, because products and sums aren't fused (-ffp-contract=off).
 #pragma once
 
 #include <algorithm>
@@ -48,7 +48,7 @@ inline int processor_level() {
     unsigned a, b, c, d;
     if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_OSXSAVE)) return 2;
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 2;
-    // exactly what the functions below are compiled for, and the 256 and 512 bits of their registers
+    // exactly the features for which the functions below are compiled, and their registers of 256 and 512 bits
     constexpr unsigned three = bit_AVX2 | bit_BMI | bit_BMI2;
     constexpr unsigned four = bit_AVX512F | bit_AVX512BW | bit_AVX512DQ | bit_AVX512VL;
     if ((b & three) != three || (kept_registers() & 0x06) != 0x06) return 2;

@@ -1,4 +1,4 @@
-// Checks of what a function was given.
+// Checks of the arguments of a function.
 #pragma once
 
 #include <stdexcept>

@@ -27,7 +27,7 @@ using u64 = std::uint64_t;
 inline thread_local u64 touched = 0;
 #endif
 
-// Also fails for negative numbers, which are huge ones here.
+// Also fails for negative numbers, which are converted to very large ones.
 inline void check_index([[maybe_unused]] u64 i, [[maybe_unused]] u64 size) {
 #ifdef NVSDATA_BOUNDS
     ++touched;
@@ -38,7 +38,7 @@ inline void check_index([[maybe_unused]] u64 i, [[maybe_unused]] u64 size) {
 #endif
 }
 
-// For loops of the standard library, which index nothing.
+// For loops of the standard library, which use no indexes.
 inline void count_touched([[maybe_unused]] i64 n) {
 #ifdef NVSDATA_BOUNDS
     touched += u64(n);

@@ -1,4 +1,4 @@
-// Arithmetic of times that a caller may choose: what is beyond int64 wraps, where C++ leaves it undefined.
+// Arithmetic of times from a caller: overflow of int64 wraps, whereas in C++ it is undefined.
 #pragma once
 
 #include "span.h"
@@ -9,7 +9,7 @@ inline i64 plus(i64 a, i64 b) { return i64(u64(a) + u64(b)); }
 inline i64 minus(i64 a, i64 b) { return i64(u64(a) - u64(b)); }
 inline i64 times(i64 a, i64 b) { return i64(u64(a) * u64(b)); }
 
-// How far two times are apart.
+// The difference of two times.
 inline i64 gap(i64 a, i64 b) {
     i64 difference = minus(a, b);
     return difference < 0 ? minus(0, difference) : difference;

@@ -13,7 +13,7 @@ namespace davis {
 namespace {
 
 constexpr u64 WRAP_LENGTH = 1 << 15;  // µs that the camera's clock counts between wraps
-constexpr i64 MOST_WRAPS = 4095;      // that a word holds
+constexpr i64 MOST_WRAPS = 4095;      // largest number of wraps in a word
 constexpr i64 SPECIAL_VALUES = 4, SAMPLE_VALUES = 12;
 
 // special events, by the vendor's numbers; Python has the same names
@@ -32,7 +32,7 @@ enum Special {
     EXPOSURE_END = 17,
 };
 
-constexpr i64 DARK = 384;  // a reset sample below it was cut off by the light
+constexpr i64 DARK = 384;  // a reset sample below it was saturated by the light
 constexpr i64 WHITE = 1023;
 
 u16 light(i64 reset, i64 value) {
@@ -55,7 +55,7 @@ std::tuple<i64, i64, i64, i64, bool> decode(Span<const u16> words, i64 start, Sp
     State& state = camera.state;
     const i64 columns = camera.how.columns, rows = camera.how.rows, factor = camera.how.factor;
     const bool steady = camera.how.steady;
-    // copies, because the outputs might overlap what they are copies of; unsigned, because a camera may count forever
+    // copies, because the outputs might overlap the originals; unsigned, because a camera may count forever
     u64 base = u64(state.base), now = u64(state.now);
     i64 row = state.row, in_frame = state.in_frame, signal = state.signal;
     Place next = state.next;
@@ -196,7 +196,7 @@ std::tuple<i64, i64, i64, i64, bool> decode(Span<const u16> words, i64 start, Sp
             base += u64(data) * WRAP_LENGTH;
             now = steady ? std::max(base, now) : base;
             if (i64(base >> 31) != state.overflows) {
-                // at most one overflow: a word holds up to 4,095 wraps, and 2^31 µs are 65,536
+                // at most one overflow: a word has up to 4,095 wraps, and 2^31 µs are 65,536
                 ++state.overflows;
                 note(WRAP);
                 in_frame = state.in_sample = 0;
@@ -259,7 +259,7 @@ i64 encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u
         bool fresh = t[i] != now;
         if (fresh) {
             now = t[i];
-            // unsigned, because nothing bounds the times
+            // unsigned, because times have no bounds
             i64 wraps = i64(u64(now) - u64(wrapped)) >> 15;
             wrapped = i64(u64(wrapped) + (u64(wraps) << 15));
             for (; wraps > 0; wraps -= MOST_WRAPS) send(0x7000 | std::min(wraps, MOST_WRAPS));

@@ -1,4 +1,4 @@
-// What the decoder of DAVIS cameras keeps between words, and the words of frames and inertial samples.
+// The state of the decoder of DAVIS cameras between words, and the words of frames and inertial samples.
 #pragma once
 
 #include <algorithm>
@@ -29,19 +29,19 @@ enum Fault {
 };
 
 constexpr i64 VALUES = 14;      // bytes of the values of an inertial sample
-constexpr i64 TEMPERATURE = 8;  // bit of a sample's contents: its temperature has been received
+constexpr i64 TEMPERATURE = 8;  // bit of the contents of a sample: its temperature was received
 constexpr i64 MAX_SIDE = 0xFFFF;
-constexpr i64 FAR = i64(1) << 60;  // no stream is long enough to lead there
+constexpr i64 FAR = i64(1) << 60;  // no stream is long enough to reach it
 
 struct Setting {
-    i64 columns, rows;  // of events
+    i64 columns, rows;  // size for events
     i64 size[2];        // width and height of frames
     i64 swap, flip_x, flip_y;
-    i64 factor;  // of the samples of frames
-    i64 steady;  // whether times never fall
+    i64 factor;  // factor of the samples of frames
+    i64 steady;  // whether times never decrease
 };
 
-// Where the next pixel of a column goes, the step to the one after it, and how many more the column can hold.
+// The place of the next pixel of a column, the step to the one after it, and the number of pixels that still fit.
 struct Place {
     i64 at, step, room;
 };
@@ -49,13 +49,13 @@ struct Place {
 // Kept between calls in an int64 array. Python reads the first eight values.
 struct State {
     i64 now;      // µs
-    i64 left[2];  // first column and row of the region in force
+    i64 left[2];  // first column and row of the current region
     i64 size[2];  // width and height of that region
     i64 frame_start, exposure_start, exposure_end;  // µs
     i64 base;                                       // µs up to the last wrap of the camera's clock
-    i64 overflows;                                  // times that a wrap of 2^31 µs was reported
+    i64 overflows;                                  // number of reported wraps of 2^31 µs
     i64 begun;                                      // whether a reset has been received
-    i64 row;                                        // of events
+    i64 row;                                        // row of the next events
     i64 in_frame;
     i64 signal;              // whether signal columns are being read, rather than reset ones
     i64 columns[2], rows[2];  // reset and signal columns of this frame, and pixels in the current column
@@ -63,7 +63,7 @@ struct State {
     i64 region[4], region_words;  // announced: first column, first row, last column, last row
     i64 high_byte;
     i64 in_sample;
-    i64 count;   // bytes of its values so far
+    i64 count;   // number of bytes of its values so far
     i64 scaled;  // whether its scale word has been received
     i64 contents, acceleration_scale, rotation_scale;
     i64 sample_high;
@@ -82,7 +82,7 @@ public:
         require(faults.size() == FAULTS, "the faults of another decoder");
     }
 
-    // Whether no value leads out of an array or overflows; those of a decoder never do.
+    // Whether no value exceeds an array or overflows; those of a decoder never do.
     bool is_sound(Span<const i64> kept, i64 pixels) const {
         auto up_to = [](i64 most, auto... values) { return ((u64(values) <= u64(most)) && ...); };
         auto is_near = [](i64 value) { return -FAR <= value && value <= FAR; };
@@ -128,7 +128,7 @@ public:
         state.next = next;
     }
 
-    // Set where the next pixel of the current column goes.
+    // Set the place of the next pixel of the current column.
     void aim() {
         i64 wide = state.size[0], high = state.size[1];
         i64 columns = how.swap ? high : wide, rows = how.swap ? wide : high;
@@ -136,13 +136,13 @@ public:
         state.next = {0, 0, 0};
         if (column >= columns || row >= rows) return;
         i64 cx = how.flip_x ? columns - 1 - column : column, cy = how.flip_y ? rows - 1 - row : row;
-        // a column of the device goes down the picture, or to the right if swapped
+        // a column of the device is a column of the image, or a row if swapped
         state.next.at = how.swap ? cx * wide + cy : cy * wide + cx;
         state.next.step = (how.flip_y ? -1 : 1) * (how.swap ? 1 : wide);
         state.next.room = rows - row;
     }
 
-    // Process eight data bits of a region or of an inertial sample; whether a new region came into force.
+    // Process eight data bits of a region or of an inertial sample; return whether a new region is set.
     bool take_byte(i64 kind, i64 value) {
         if (kind == 1) {
             state.high_byte = value;
@@ -173,11 +173,11 @@ public:
         std::fill(std::begin(state.sample), std::end(state.sample), 0);
     }
 
-    // Whether the sample that ends here is whole.
+    // Whether the sample that ends here is complete.
     bool end_sample() {
         bool whole = state.in_sample && state.count == VALUES && state.scaled;
         fault(BROKEN_SAMPLES, !whole);
-        // a second end word finds nothing new; a lost start word does no harm
+        // a second end word has no effect, and neither has a missing start word
         state.scaled = 0;
         return whole;
     }
