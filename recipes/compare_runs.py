@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """The folder itself if it is a run's, else the runs in it."""
+    """Return the folder itself if it is that of a run, otherwise the runs in it."""
     found = [folder] if (folder / PREDICTIONS).is_file() else sorted(p.parent for p in folder.glob(f"*/{PREDICTIONS}"))
     if not found:
         raise ValueError(f"{folder} has no {PREDICTIONS}, nor has a folder in it: is it the folder of a finished run?")
@@ -57,7 +57,7 @@ def runs_in(folder: Path) -> list[Path]:
 
 
 def read(folder: Path) -> Rows:
-    """The numbers of a run's predictions."""
+    """Read the numbers of predictions of a run."""
     path, rows = folder / PREDICTIONS, {}
     # other bytes than UTF-8 aren't the columns or numbers that are checked below
     with path.open(newline="", encoding="utf-8", errors="surrogateescape") as file:
@@ -76,7 +76,7 @@ def read(folder: Path) -> Rows:
 
 
 def same_recordings(folders: dict[str, Path], tables: dict[str, list[Rows]]) -> list[tuple[str, ...]]:
-    """The test recordings of all runs. ValueError if they differ."""
+    """Return the test recordings of all runs. ValueError if they differ."""
     wanted = tables["A"][0].keys()
     for name in "AB":
         for rows in tables[name]:
@@ -96,7 +96,7 @@ def outcomes(rows: Rows, recordings: list[tuple[str, ...]], right: str, count: s
 
 
 def seeds(runs: list[np.ndarray]) -> str:
-    """Mean and standard deviation over runs, in words; nothing for one run."""
+    """Return the mean and standard deviation over runs as text, which is empty for one run."""
     if len(runs) == 1:
         return ""
     values = [float(right.mean()) for right in runs]
@@ -104,7 +104,7 @@ def seeds(runs: list[np.ndarray]) -> str:
 
 
 def verdict(first: np.ndarray, second: np.ndarray) -> str:
-    """The difference in words."""
+    """Return the difference as text."""
     same = math.lcm(len(first), len(second))
     found = metrics.paired_test(*(np.tile(right, (same // len(right), 1)) for right in (first, second)))
     better, sign = ("B", -1) if found.difference < 0 else ("A", 1)

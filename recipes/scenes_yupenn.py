@@ -1,4 +1,4 @@
-"""Recognize the scene of each recording by a network trained on all others (thesis section 5.3.3, Table 5.6).
+"""Recognize the scene of each recording by a network trained on all others (thesis, section 5.3.3, Table 5.6).
 
     python recipes/scenes_yupenn.py --root YUPENN-DVS --out runs/yupenn
 

@@ -1,4 +1,4 @@
-"""Train on gray videos or emulated recordings, and test on real ones (thesis section 3.5.2, Table 3.5).
+"""Train on gray videos or emulated recordings, and test on real ones (thesis, section 3.5.2, Table 3.5).
 
     nvsdata convert-videos LETTERS --out LETTERS-emulated --size 240x180
     python recipes/sign_language.py --real LETTERS-DVS --emulated LETTERS-emulated --videos LETTERS --out runs/signs

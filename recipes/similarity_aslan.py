@@ -1,4 +1,4 @@
-"""Decide whether two recordings show the same action (thesis section 5.3.2, Table 5.5).
+"""Decide whether two recordings show the same action (thesis, section 5.3.2, Table 5.5).
 
     python recipes/train_actions.py --dataset ucf101-dvs --root UCF101-DVS --graphs 16 --out runs/ucf101
     python recipes/similarity_aslan.py --root ASLAN-DVS --model runs/ucf101/model.safetensors --out runs/aslan

@@ -1,4 +1,4 @@
-"""Train and evaluate a network on recordings of actions (thesis section 5.3.1).
+"""Train and evaluate a network on recordings of actions (thesis, section 5.3.1).
 
     python recipes/train_actions.py --dataset ucf101-dvs --root UCF101-DVS --out runs/ucf101
     python recipes/train_actions.py --dataset dvs128-gesture --root DvsGesture --duration 500000 --out runs/gesture

@@ -1,4 +1,4 @@
-"""Train and evaluate a network on recordings of objects (thesis section 4.4).
+"""Train and evaluate a network on recordings of objects (thesis, section 4.4).
 
     python recipes/train_objects.py --dataset n-mnist --root N-MNIST --out runs/n-mnist
     torchrun --nproc-per-node 4 recipes/train_objects.py ...

@@ -1,4 +1,4 @@
-"""Train on real or emulated recordings, and test on both (thesis section 3.5.1, Table 3.4).
+"""Train on real or emulated recordings, and test on both (thesis, section 3.5.1, Table 3.4).
 
     nvsdata convert-videos UCF50 --out UCF50-emulated --size 240x180
     python recipes/transfer_emulated.py --real UCF50-DVS --emulated UCF50-emulated --out runs/transfer

@@ -1,4 +1,4 @@
-// A pixel that compares with the level at its last event, one frame at a time: see `nvsdata.emulation.DVS`.
+// Pixels that compare their level with that at their last event, one frame at a time: see `nvsdata.emulation.DVS`.
 #include "sensor.h"
 
 #include <cmath>
@@ -10,7 +10,7 @@ namespace nvsdata {
 
 namespace {
 
-constexpr double SLACK = 1.0 / (1 << 24);  // part of a threshold by which tiles wake early: sleeping pixels are rounded
+constexpr double SLACK = 1.0 / (1 << 24);  // fraction of a threshold by which tiles wake early, because of rounding
 
 template <class Number>
 NVSDATA_INLINE void mark_crossed(Span<const Number> end, Span<const Number> memory, Number drift, Number off, Number on,
@@ -30,7 +30,7 @@ NVSDATA_INLINE void mark_crossed_each(Span<const Number> end, Span<const Number>
     }
 }
 
-// Number of events, time from each to the next, time of the first, lower half of the keys; how many events in all.
+// Number of events, time from one to the next, time of the first, lower half of the keys; number of all events.
 template <class Number, class Time>
 NVSDATA_INLINE void time_events(Span<const Number> moved, Span<const Number> rise, Span<const Number> step,
                                 Span<const u16> x, u32 row, Time span, Span<i32> count, Span<Time> later,
@@ -44,7 +44,7 @@ NVSDATA_INLINE void time_events(Span<const Number> moved, Span<const Number> ris
     }
     for (i64 j = 0; j < m; ++j) sum += count[j];
     for (i64 j = 0; j < m; ++j) {
-        // rounding may leave a pixel at its threshold: it fires in the next frame, at once
+        // rounding may leave a pixel at its threshold; it then fires at the beginning of the next frame
         Number change = std::abs(moved[j] - rise[j]), beyond = std::abs(moved[j]) - step[j];
         Time slope = change > 0 ? span / change : Time(0);
         later[j] = step[j] * slope;
@@ -53,7 +53,7 @@ NVSDATA_INLINE void time_events(Span<const Number> moved, Span<const Number> ris
     *total = sum;
 }
 
-// Times of the first three events of pixels; those that aren't among their `count` don't matter.
+// Times of the first three events of pixels; times beyond their `count` are ignored.
 template <class Time>
 NVSDATA_INLINE void three_times(Span<const Time> first, Span<const Time> later, Span<u32> one, Span<u32> two,
                                 Span<u32> three) {
@@ -109,15 +109,15 @@ private:
     const Sensor<Number>& sensor_;
     const PixelArray<Number>& array_;
     i64 now_, span_;
-    Number past_, drift_;  // by how much memories have fallen at the last frame and at this one
+    Number past_, drift_;  // decrease of memories by leak until the last frame and until this one
     RowMarks marks_;
-    // of the pixels of a row that fire: levels above their memories before and now, thresholds, times
+    // for the pixels of a row that fire: levels above their memories before and now, thresholds, times
     std::vector<Number> rise_, moved_, step_;
     std::vector<Time> later_, first_;
     std::vector<i32> count_;
     std::vector<u32> low_, one_, two_, three_;
 
-    // List a row's pixels that have reached their thresholds; their number.
+    // List the pixels of a row that have reached their thresholds; return their number.
     i64 fired(i64 y) {
         i64 width = array_.width();
         Span<const Number> levels(rousing_.end), memories = array_.memory[y];
@@ -132,7 +132,7 @@ private:
         });
     }
 
-    // Add events of `m` pixels whose levels go to `end`, as keys; memories follow.
+    // Add the events of `m` pixels whose levels change to `end`, as keys, and update their memories.
     void fire(i64 y, i64 m, Keys& keys) {
         Span<const u16> x(marks_.place.data(), m);
         Span<Number> memory = array_.memory[y], level = array_.level[y], end(rousing_.end);
@@ -163,7 +163,7 @@ private:
         best<three_times<Time>>(first, later, one, two, three);
         u64* out = keys.room(total + FEW);
         for (i64 j = 0; j < m; ++j) {
-            // all three are always written; the next pixel overwrites those that don't count
+            // all three are always written; the next pixel overwrites the unused ones
             out[0] = u64(one[j]) << 32 | low[j];
             out[1] = u64(two[j]) << 32 | low[j];
             out[2] = u64(three[j]) << 32 | low[j];
@@ -174,7 +174,7 @@ private:
         keys.add(total);
     }
 
-    // Bring forward when tiles of a row wake, because memory leaks.
+    // Make tiles of a row wake earlier, because memory leaks.
     void set_wake(i64 y) {
         double leak = sensor_.leak, fallen = leak * double(now_);
         Span<const Number> level = array_.level[y], memory = array_.memory[y], on = sensor_.on(y, array_.width());

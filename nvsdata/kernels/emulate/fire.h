@@ -1,4 +1,4 @@
-// Events from differences of brightness (thesis 3.2.2).
+// Events from differences of brightness (thesis, section 3.2.2).
 #pragma once
 
 #include <cmath>
@@ -18,7 +18,7 @@ NVSDATA_INLINE void mark_fired(Span<const Number> difference, Number threshold, 
     for (i64 i = 0; i < mark.size(); ++i) mark[i] = std::abs(difference[i]) >= threshold;
 }
 
-// Of positions that fire: |d| in thresholds, number of events, the lower half of their keys; how many events in all.
+// For positions that fire: |d| in thresholds, number of events, lower half of their keys; number of all events.
 template <class Number>
 NVSDATA_INLINE void count_events(Span<const Number> difference, Span<const u16> x, Number threshold, i32 most, u32 row,
                                  Span<Number> ratio, Span<i32> count, Span<u32> low, i64* total) {
@@ -35,7 +35,7 @@ NVSDATA_INLINE void count_events(Span<const Number> difference, Span<const u16> 
     *total = sum;
 }
 
-// Times of the first three events of positions, k span / ratio; those beyond the span don't count.
+// Times of the first three events of positions, k span / ratio; times beyond the span are ignored.
 template <class Number, class Time>
 NVSDATA_INLINE void three_times(Span<const Number> ratio, Time span, Span<u32> first, Span<u32> second,
                                 Span<u32> third) {
@@ -53,7 +53,7 @@ NVSDATA_INLINE void gaps(Span<const Number> ratio, Time span, Span<Time> gap) {
     for (i64 j = 0; j < ratio.size(); ++j) gap[j] = span / ratio[j];
 }
 
-// What fires in rows of differences. `Time` is the type in which times are calculated.
+// Finds the events in rows of differences. `Time` is the type in which times are computed.
 template <class Number, class Time>
 class Fire {
 public:
@@ -118,7 +118,7 @@ private:
         i64 m = ratio.size();
         Span<u32> first(first_.data(), m), second(second_.data(), m), third(third_.data(), m);
         best<three_times<Number, Time>>(ratio, Time(span_), first, second, third);
-        // all three are always written; the next position overwrites those that don't count
+        // all three are always written; the next position overwrites the unused ones
         for (i64 j = 0; j < m; ++j) {
             out[0] = u64(first[j]) << 32 | low[j];
             out[1] = u64(second[j]) << 32 | low[j];

@@ -1,4 +1,4 @@
-// Inhibition: only one of neighboring pixels may fire, (3.5).
+// Inhibition: only one pixel of a block may fire (eq. 3.5).
 #pragma once
 
 #include <cmath>
@@ -16,7 +16,7 @@ inline bool touches(Rows<const bool> active, Box box) {
     return found;
 }
 
-// Zero what lies in blocks across tiles on the side of still ones: no |d| there reaches the threshold.
+// Set differences to 0 in still tiles if a block extends into them, because no |d| there reaches the threshold.
 template <class Number>
 void clear_still(Rows<Number> difference, i64 side, Rows<const bool> active) {
     i64 height = difference.rows(), width = difference.columns();
@@ -32,7 +32,8 @@ void clear_still(Rows<Number> difference, i64 side, Rows<const bool> active) {
         }
 }
 
-// The number if it `stays`, otherwise 0; by a mask, because loops with conditional floats aren't vectorized.
+// The number if it `stays`, otherwise 0. It is computed by a mask, because loops with conditional floats aren't
+// vectorized.
 template <class Number>
 NVSDATA_INLINE Number kept(Number value, bool stays) {
     using Bits = std::conditional_t<sizeof(Number) == 8, u64, u32>;
@@ -61,7 +62,7 @@ void inhibit_by_pairs(Rows<Number> difference, Rows<const bool> active) {
     each_box(active, difference.rows(), difference.columns(), [&](Box box) {
         for (i64 y = box.top; y < box.bottom; y += 2) {
             Span<Number> upper = difference[y].part(box.left, box.right), lower(below.data(), upper.size());
-            // a block that sticks out has fewer pixels
+            // a block at the border has fewer pixels
             if (y + 1 < box.bottom)
                 lower = difference[y + 1].part(box.left, box.right);
             else
@@ -75,7 +76,7 @@ void inhibit_by_pairs(Rows<Number> difference, Rows<const bool> active) {
 // Keep the largest |d| (the first, if several are equal) of each `side` x `side` block. Blocks count from the corner.
 template <class Number>
 void inhibit(Rows<Number> difference, i64 side, Rows<const bool> active) {
-    if (side == 2) return inhibit_by_pairs(difference, active);  // no such block lies across tiles
+    if (side == 2) return inhibit_by_pairs(difference, active);  // no such block extends across tiles
     if (TILE_ROWS % side) clear_still(difference, side, active);
     i64 height = difference.rows(), width = difference.columns();
     for (i64 top = 0; top < height; top += side)

@@ -20,19 +20,19 @@ namespace nvsdata {
 
 constexpr i64 FEW = 3;  // events per position that are always written, even if they don't count
 
-constexpr i64 LONGEST = i64(1) << 31;  // µs between frames that keys can hold
+constexpr i64 LONGEST = i64(1) << 31;  // largest time between frames in µs that fits a key
 
-// std::invalid_argument for frames with pixels that keys can't hold.
+// Throws std::invalid_argument for frames with pixels that don't fit a key.
 inline void check_addresses(i64 height, i64 width) {
     require(height <= 1 << 15 && width <= 1 << 16, "the frame is too large for keys");
 }
 
-// A frame's keys, in the caller's array or, if that is too short, in a longer one.
+// The keys of a frame, in the array of the caller or, if that is too short, in a longer one.
 class Keys {
 public:
     explicit Keys(Span<u64> given) : place_(given) {}
 
-    // Where the next keys belong, with room for `more`.
+    // The place of the next keys, with space for `more`.
     u64* room(i64 more) {
         if (more > place_.size() - count_) grow(more);
         return place_.data() + count_;
@@ -62,14 +62,14 @@ private:
     }
 };
 
-// A mark per pixel of a row, 0 or 1, up to a multiple of 8, and where they are 1.
+// A mark (0 or 1) per pixel of a row, up to a multiple of 8, and the list of pixels with mark 1.
 struct RowMarks {
     std::vector<u8> mark;
     std::vector<u16> place;
 
     explicit RowMarks(i64 width) : mark(std::size_t(width + 7) / 8 * 8), place(std::size_t(width) + 8) {}
 
-    // List the pixels that mark_run(left, right, marks) marks in the runs of active tiles of a row; their number.
+    // List the pixels that mark_run(left, right, marks) marks in the active tiles of a row; return their number.
     template <class MarkRun>
     i64 list(Span<const bool> active, i64 width, MarkRun mark_run) {
         i64 end = 0;
@@ -86,14 +86,14 @@ struct RowMarks {
 private:
     void clear(i64 from, i64 to) { std::fill(mark.begin() + from, mark.begin() + to, u8(0)); }
 
-    // List where marks are 1; their number.
+    // List the pixels with mark 1; return their number.
     i64 list() {
         i64 m = 0;
         for (i64 x = 0; x < i64(mark.size()); x += 8) {
             u64 word;
             std::memcpy(&word, &mark[x], 8);
             if (word == 0) continue;
-            // without branches, because which of the eight fire is unpredictable
+            // without branches, because it is unpredictable which of the eight fire
             for (i64 i = 0; i < 8; ++i) {
                 place[m] = u16(x + i);  // m <= x + i < size, because at most one was listed per mark before
                 m += mark[x + i];
@@ -103,11 +103,11 @@ private:
     }
 };
 
-// The largest number that is an i32: larger ones, and those that aren't numbers, don't convert.
+// The largest i32: larger numbers and NaN can't be converted.
 template <class Number>
 constexpr Number largest_i32 = Number(sizeof(Number) == 8 ? 0x7FFFFFFF : 0x7FFFFF80);
 
-// A number as an integer from 0 to `most`, also one that is out of range.
+// A number as an integer, limited to 0 to `most`.
 template <class Integer, class Number>
 inline Integer clamped(Number value, Integer most) {
     Number top = Number(most);

@@ -1,4 +1,4 @@
-// Pixels behind a photoreceptor of first order, whose bandwidth rises with the light: see the Python module.
+// Pixels with a photoreceptor of first order, whose bandwidth increases with the light: see the Python module.
 #include <cmath>
 
 #include "../native/bind.h"
@@ -9,25 +9,25 @@ namespace nvsdata {
 
 namespace {
 
-constexpr double CHANGE = 0.1;  // of the logarithm of light, in a step of a pixel
-constexpr double MOST_PARTS = 1e6;  // from one light to another; more only if one of them isn't finite
-constexpr double CLOSE = 0.01;  // µs to which a crossing is found
-constexpr int TRIES = 60;       // after which halving alone has found it
-constexpr double EARLY = 1.0;   // µs by which tiles wake early, because times are known to rounding only
-// of the logarithm of light: a lag that doesn't turn a curve, and what rounding may add up to
+constexpr double CHANGE = 0.1;  // largest change of the logarithm of light in a step of a pixel
+constexpr double MOST_PARTS = 1e6;  // largest number of steps from one light to another; exceeded only if one of them isn't finite
+constexpr double CLOSE = 0.01;  // error of a crossing in µs
+constexpr int TRIES = 60;       // number of halvings after which a crossing is found
+constexpr double EARLY = 1.0;   // µs by which tiles wake early, because of rounding
+// logarithms of light: a lag that is too small for a turning point, and the largest sum of rounding errors
 constexpr double TINY = 1e-12;
 
-// In 1/µs: v2e's (I + 20) / 275 of that at white, `speed`.
+// Rate in 1/µs. As in v2e, it is (I + 20) / 275 times that of a white pixel, `speed`.
 double rate(double light, double dark, double speed) { return speed * (light - dark / 1000 + 20) / 275; }
 
-// A level above a memory: base + slope t - lag exp(-speed t).
+// The level above a memory: base + slope t - lag exp(-speed t).
 struct Curve {
     double base, slope, lag, speed;
 
     double far(double t) const { return lag * std::exp(-speed * t); }
     double at(double t) const { return base + slope * t - far(t); }
 
-    // When it is `by`; it has one direction from `first` to `last`.
+    // The time at which the level is `by`; it is monotonic from `first` to `last`.
     double crossing(double by, double first, double last) const {
         double low = base - by;
         double sign = low + slope * last - far(last) > 0 ? 1 : -1;
@@ -36,7 +36,7 @@ struct Curve {
             double rest = far(t), value = low + slope * t - rest;
             (value * sign > 0 ? last : first) = t;
             double steep = slope + speed * rest;
-            // Newton's step, or half of what is left
+            // a step by Newton's method, or half of the interval
             double next = steep != 0 ? t - value / steep : first - 1;
             if (!(first <= next && next <= last)) next = 0.5 * (first + last);
             if (std::abs(next - t) < CLOSE) return next;
@@ -91,7 +91,7 @@ private:
     Interrupt interrupt_;
     u64 fired_ = 0;
 
-    // Events of a tile's photoreceptors in a row while the light goes to `end`, if it changed; the state follows.
+    // Add the events of a tile's row while the light changes to `end`, and update the state.
     void follow(i64 y, i64 tile) {
         Span<double> level = array_.level[y], memory = array_.memory[y], reached = reached_[y], speed = speed_[y];
         Span<const double> end(rousing_.end), off = sensor_.off(y, level.size()), on = sensor_.on(y, level.size());
@@ -120,7 +120,7 @@ private:
         }
     }
 
-    // The lag behind the light after the light of a pixel has gone from `a` to `b`; its memory follows.
+    // The lag behind the light after the light of a pixel has changed from `a` to `b`. Its memory is updated.
     double along(double a, double b, double lag, double speed, const Pixel& pixel, double& memory) {
         double whole = double(now_ - before_);
         if (a == b) {
@@ -139,7 +139,7 @@ private:
             bright *= grows;
             double light = a + double(k) * change, behind = change / span / speed;
             double since = double(before_) + double(k) * span;
-            // what it follows, it doesn't overtake
+            // the photoreceptor doesn't overtake the light
             double highest = std::max(std::max(light - lag, light), light + change);
             double lowest = std::min(std::min(light - lag, light), light + change);
             if (highest - memory + leak_ * (since + span) >= pixel.on ||
@@ -152,9 +152,9 @@ private:
         return lag;
     }
 
-    // The memory after a part of a curve, from `begin` to `last`, and the keys, which count µs from its time `start`.
+    // The memory after a part of a curve, from `begin` to `last`; adds keys, whose times are in µs from `start`.
     double fire(const Curve& curve, double begin, double last, double start, const Pixel& pixel, double memory) {
-        // where the curve turns, if it does
+        // the turning point of the curve, if there is one
         double turn = std::abs(curve.lag) > TINY ? -curve.slope / (curve.speed * curve.lag) : -1;
         double middle = last;
         if (0 < turn && turn < 1) middle = std::min(std::max(-std::log(turn) / curve.speed, begin), last);
@@ -177,7 +177,7 @@ private:
         return memory + moved;
     }
 
-    // A time, µs, at which a pixel whose light stays doesn't fire before; `ahead`: the light, above its memory.
+    // A time in µs before which a pixel with constant light doesn't fire. `ahead` is the light above its memory.
     i64 next(double ahead, double lag, double speed, i64 origin, const Pixel& pixel) const {
         if (leak_ != 0) {
             lag *= std::exp(-speed * double(now_ - origin));
@@ -186,7 +186,7 @@ private:
             if (highest >= pixel.on || lowest <= -pixel.off) return now_;
             return now_ + pause((pixel.on - highest) / leak_ - EARLY);
         }
-        // on its way up, or down; rounding lets it arrive early
+        // upward or downward; because of rounding the time is earlier
         double room = (lag > 0 ? ahead - pixel.on : -pixel.off - ahead) + TINY;
         if (room <= 0 || room >= std::abs(lag)) return room >= std::abs(lag) ? now_ : NEVER;
         return origin + pause(std::log(std::abs(lag) / room) / speed - EARLY);

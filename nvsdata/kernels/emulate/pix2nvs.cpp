@@ -1,4 +1,4 @@
-// PIX2NVS, one frame at a time (thesis 3.2): tiles that did not change are only compared.
+// PIX2NVS, one frame at a time (thesis, section 3.2): tiles that did not change are only compared.
 #include <cmath>
 #include <stdexcept>
 #include <vector>
@@ -95,7 +95,8 @@ NVSDATA_INLINE void subtract_neighbors(Span<const Number> level, Around<Number> 
     }
 }
 
-// `difference` of level and reference by (3.3) or (3.4), borders replicated; times `sensitivity` if not empty.
+// `difference` of level and reference by eq. 3.3 or 3.4, with replicated borders, times `sensitivity` if that isn't
+// empty.
 template <class Number>
 void differ(const Rule<Number>& rule, Rows<const Number> level, Rows<const Number> reference,
             Rows<const Number> sensitivity, Rows<const bool> active, Rows<Number> difference) {
@@ -139,11 +140,12 @@ NVSDATA_INLINE void update_tile(const Rule<Number>* rule, Rows<const Number> lev
     *restless = found;
 }
 
-// New references of active tiles, (3.9) and (3.10); then which tiles are still.
+// Compute new references of active tiles (eq. 3.9 and 3.10), then mark the still tiles.
 //
-// With alpha >= 1 the reference becomes the level. Without `everywhere`, only where |difference| >= threshold. A tile
-// is still if it would not fire as long as it doesn't change. Co-located differences then only shrink, so none may
-// reach `calm`; others depend on neighbors, so no value may have moved, and none may have fired.
+// With alpha >= 1 the reference becomes the level. Without `everywhere`, this applies only where |difference| >=
+// threshold. A tile is still if it would not fire as long as it doesn't change. Co-located differences then only
+// shrink, so none may reach `calm`. Other differences depend on neighbors, so no value may have changed, and none may
+// have fired.
 template <class Number>
 void update(const Rule<Number>& rule, Rows<const Number> level, Rows<Number> reference, Rows<const Number> difference,
             Rows<const bool> active, Rows<bool> still) {
@@ -165,7 +167,7 @@ NVSDATA_INLINE void follow(Span<const Number> level, Number alpha, Span<Number> 
     *moved |= bool(found);
 }
 
-// Update moving averages that are behind, (3.10), by exactly the omitted steps, until none changes a value.
+// Update moving averages that are behind (eq. 3.10) by exactly the omitted steps, until a step changes no value.
 template <class Number>
 void catch_up(Rows<Number> reference, Rows<const Number> level, Number alpha, Rows<i64> behind,
               Rows<const bool> tiles) {
@@ -183,14 +185,14 @@ void catch_up(Rows<Number> reference, Rows<const Number> level, Number alpha, Ro
     });
 }
 
-// Set which tiles are affected and active: changed ones, those not still, and neighbors that matter.
+// Set the affected and active tiles: changed ones, those that aren't still, and relevant neighbors.
 void wake(bool contrast, Method method, i64 side, const Tiles& tiles) {
     if (contrast) spread(tiles.dirty, tiles.affected);
     Span<bool> active = tiles.active.flat(), affected = tiles.affected.flat(), still = tiles.still.flat();
     for (i64 i = 0; i < active.size(); ++i) active[i] = affected[i] || !still[i];
     if (method == CO_LOCATED) return;
     spread(tiles.active, tiles.active);
-    // blocks lie across tiles, and a pixel in a still tile may fire as soon as no pixel of its block inhibits it
+    // blocks extend across tiles, and a pixel in a still tile may fire as soon as no pixel of its block inhibits it
     if (TILE_ROWS % side) std::fill(active.begin(), active.end(), true);
 }
 
@@ -211,7 +213,7 @@ bool mark(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method m
     } else {
         std::fill(active.begin(), active.end(), false);
     }
-    // whether references also move in tiles that aren't processed
+    // whether references also change in tiles that aren't processed
     bool found = false, follows = everywhere && alpha < 1;
     for (i64 i = 0; i < active.size(); ++i) {
         found |= active[i];
@@ -306,7 +308,7 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
     check_pixels(reference.rows(), reference.columns(), height, width);
     if (sensitivity.rows()) check_pixels(sensitivity.rows(), sensitivity.columns(), height, width);
     check_addresses(height, width);
-    // bands of whole tiles and whole blocks, and all rows where pixels look at their neighbors
+    // bands of entire tiles and blocks, or all rows if pixels depend on their neighbors
     i64 rows = difference.rows();
     bool fits = side >= 1 && (rows >= height ||
                               (rows >= 1 && rows % TILE_ROWS == 0 && rows % side == 0 && method == CO_LOCATED));

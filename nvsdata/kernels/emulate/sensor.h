@@ -1,4 +1,4 @@
-// A sensor whose pixels compare with their level at their last event, and the levels that frames give them.
+// A sensor whose pixels compare their level with that at their last event, and the levels from frames.
 #pragma once
 
 #include <algorithm>
@@ -13,12 +13,12 @@
 namespace nvsdata {
 
 constexpr i64 NEVER = LATEST;          // µs
-constexpr double SOMEDAY = 1LL << 61;  // µs: a pause that ends after all others
+constexpr double SOMEDAY = 1LL << 61;  // µs, longer than all other times
 
-// µs after which something happens, as an integer.
+// Time in µs after which something happens, as an integer.
 inline i64 pause(double time) { return clamped(time, i64(SOMEDAY)); }
 
-// A frame and the one before it; `given` replaces the logarithm of the frame's bytes, unless it is empty.
+// A frame and the previous one. `given` replaces the logarithm of the frame's bytes, unless it is empty.
 template <class Number>
 struct Light {
     Rows<const u8> frame, previous;
@@ -36,7 +36,7 @@ struct Sensor {
 
     Number off() const { return thresholds[0]; }
     Number on() const { return thresholds[1]; }
-    // Of the pixels of a row; empty where all are alike.
+    // Thresholds of the pixels of a row; empty if all are equal.
     Span<const Number> off(i64 y, i64 width) const { return part(y * width, width); }
     Span<const Number> on(i64 y, i64 width) const { return part(each.size() / 2 + y * width, width); }
 
@@ -75,7 +75,7 @@ void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, cons
     require(before >= 0 && now > before && now - before < LONGEST && now < NEVER, "times must rise");
 }
 
-// Goes through the rows of tiles that changed, or that wake, and finds the levels of their pixels.
+// Visits the rows of tiles that changed or wake, and finds the levels of their pixels.
 template <class Number>
 class Rousing {
 public:
@@ -91,7 +91,7 @@ public:
 
     Span<const bool> active() const { return {active_.get(), array_.dirty.columns()}; }
 
-    // Call each(row of pixels) for those in rows of tiles that changed, or wake at `now`, their levels in `end`.
+    // Call each(row of pixels) for the rows in tiles that changed or wake at `now`, with their levels in `end`.
     template <class Each>
     void each_row(i64 now, Each each) {
         for (i64 r = 0; r < array_.dirty.rows(); ++r) {
@@ -103,7 +103,7 @@ public:
         }
     }
 
-    // Levels of a row that changed, from `end`.
+    // Copy the levels of a row that changed from `end`.
     void keep(i64 y) {
         each_run(array_.dirty[y / TILE_ROWS], i64(end.size()), [&](i64 left, i64 right) {
             Span<Number> level = array_.level[y].part(left, right);
@@ -117,7 +117,8 @@ private:
     Logarithms<Number> logarithms_;
     std::unique_ptr<bool[]> active_;
 
-    // Which tiles of a row changed, or wake at `now`; whether any does. They have no time to wake at then.
+    // Mark the tiles of a row that changed or wake at `now`, and remove their time to wake; return whether there is
+    // any.
     bool rouse(i64 r, i64 now) {
         Span<bool> active(active_.get(), array_.dirty.columns());
         bool some = false;

@@ -1,4 +1,4 @@
-// From keys to events: sorted, unpacked, read out.
+// From keys to events: sorting, unpacking, readout.
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -17,7 +17,7 @@ namespace {
 
 constexpr i64 OFTEN = 1 << 16;  // keys between two polls for Ctrl-C
 
-// A digit of keys, and for each of its values where the next key with it belongs.
+// A digit of keys, and the place of the next key for each value of the digit.
 struct Digit {
     u64 shift, mask;
     Span<u32> places;
@@ -68,7 +68,7 @@ NVSDATA_INLINE void unpack(Span<const u64> keys, i64 start, Span<i64> t, Span<i1
     }
 }
 
-// Events as a sensor with a slow readout and blind pixels gets them.
+// Events of a sensor with a slow readout and refractory pixels.
 struct Readout {
     Span<const i64> t;
     Span<const i16> x, y;
@@ -107,7 +107,7 @@ void read_keys(Span<u64> keys, i64 bits, i64 start, Span<i64> t, Span<i16> x, Sp
     require(t.size() == n && x.size() == n && y.size() == n && p.size() == n, "columns must be as long as keys");
     require(bits >= 0 && bits <= 32, "times of keys have 0 to 32 bits");
     require(n <= i64(UINT32_MAX), "too many keys");
-    // the column of times serves as scratch until it is written
+    // the column of times is scratch memory until it is written
     if (bits) sort_keys(keys, {reinterpret_cast<u64*>(t.data()), t.size()}, bits);
     best<unpack>(keys, start, t, x, y, p);
 }

@@ -36,7 +36,7 @@ i64 check_frames(Rows<const u8> frame, Rows<const u8> previous, i64 height, i64 
 
 i64 find_dirty(Rows<const u8> frame, Rows<const u8> previous, i64 tile_bytes, Rows<bool> dirty) {
     require(previous.rows() == frame.rows() && previous.columns() == frame.columns(), "frames differ in shape");
-    // so that every byte lies in a tile
+    // so that every byte is in a tile
     require(tile_bytes >= 1 && dirty.rows() == tiles_along(frame.rows(), TILE_ROWS) &&
                 dirty.columns() == tiles_along(frame.columns(), tile_bytes),
             "arrays of tiles don't fit frames");

@@ -1,4 +1,4 @@
-// The tiles that frames are cut into: what doesn't change is left out tile by tile.
+// The tiles of a frame: tiles that don't change are skipped.
 #pragma once
 
 #include <algorithm>
@@ -56,13 +56,14 @@ Rows<T> band(Rows<T> rows, i64 top, i64 end) {
     return {rows.data() + top * rows.columns(), end - top, rows.columns()};
 }
 
-// std::invalid_argument, Python's ValueError, unless arrays have one value per tile, or per pixel.
+// Throws std::invalid_argument (ValueError in Python) unless arrays have one value per tile, or per pixel.
 void check_tiles(Rows<const bool> marks, i64 height, i64 width);
 void check_pixels(i64 rows, i64 columns, i64 height, i64 width);
-// ... unless both frames have whole pixels of some bytes, or none at all; the bytes of a pixel.
+// Throws the same unless both frames have the same whole number of bytes per pixel; returns the bytes of a pixel.
 i64 check_frames(Rows<const u8> frame, Rows<const u8> previous, i64 height, i64 width);
 
-// Mark the tiles that differ from the `previous` frame's, `tile_bytes` bytes wide; their number. O(bytes).
+// Mark the tiles that differ from the `previous` frame; tiles are `tile_bytes` bytes wide. Returns their number.
+// O(bytes).
 i64 find_dirty(Rows<const u8> frame, Rows<const u8> previous, i64 tile_bytes, Rows<bool> dirty);
 
 // Whether each tile or any of its eight neighbors is marked; `out` may be the same.

@@ -1,4 +1,4 @@
-// Whether events lie on their sensor, and where in images.
+// Whether events are on their sensor, and their places in images.
 #include "../native/bind.h"
 #include "../native/levels.h"
 #include "events.h"
