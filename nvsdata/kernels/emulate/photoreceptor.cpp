@@ -10,7 +10,7 @@ namespace nvsdata {
 namespace {
 
 constexpr double CHANGE = 0.1;  // largest change of the logarithm of light in a step of a pixel
-constexpr double MOST_PARTS = 1e6;  // largest number of steps from one light to another; exceeded only if one of them isn't finite
+constexpr double MOST_PARTS = 1e6;  // largest number of steps; more only if a light isn't finite
 constexpr double CLOSE = 0.01;  // error of a crossing in µs
 constexpr int TRIES = 60;       // number of halvings after which a crossing is found
 constexpr double EARLY = 1.0;   // µs by which tiles wake early, because of rounding

@@ -14,7 +14,7 @@ namespace nvsdata {
 
 inline void require_shapes(bool fit) { require(fit, "the arrays' shapes don't belong together"); }
 
-// Images that have a margin around the sensor.
+// Images with a margin around the sensor.
 inline void require_margin(i64 margin, i64 rows, i64 columns) {
     require_shapes(margin >= 0 && margin <= std::min(rows, columns) / 2);
 }
@@ -27,7 +27,7 @@ struct Images {
 
 enum class Polarity { same_image, off_first, on_first };
 
-// Pixels of events and, if kernels need them, polarities, which may say in which of two images they are.
+// Pixels of events and, if a kernel needs them, polarities, which may select one of two images.
 struct Pixels {
     Span<const i16> x, y;
     Span<const u8> p = {};
@@ -36,11 +36,11 @@ struct Pixels {
 
 constexpr i64 STEPS = 2048;  // events that are placed at once, between two polls for Ctrl-C
 
-// Where pixels of at most STEPS events are in images: the calls' results are true if all are on the sensor.
+// Places of the pixels of at most STEPS events in images. The calls return true if all are on the sensor.
 bool place(const Images& images, const Pixels& events, i64 from, i64 to, u32* places);
 bool are_inside(const Images& images, const Pixels& events);
 
-// Times since the first one, times scale / span; whether all are from 0 to `most` before they are scaled.
+// Times since the first one, multiplied by scale / span. Returns whether all are from 0 to `most` before scaling.
 bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, double span, double* out);
 
 inline void require_inside(bool inside) {
@@ -51,7 +51,7 @@ inline void place_all(const Images& images, const Pixels& events, i64 from, i64 
     require_inside(place(images, events, from, to, places));
 }
 
-// The loops below are inlined always, so that what a kernel keeps from event to event stays in registers.
+// The loops below are always inlined, so that the variables of a kernel stay in registers.
 
 // Calls some(from, count, places) for every STEPS of the events; throws before any that isn't on the sensor.
 template <class Some>

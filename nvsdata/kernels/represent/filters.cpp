@@ -26,7 +26,7 @@ void not_refractory(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64
 struct Boxes {
     u32 side;
     i64 columns;
-    // Events are on a sensor that the boxes cover.
+    // The box of an event. Events must be on a sensor that the boxes cover.
     i64 place(i16 x, i16 y) const { return u32(y) / side * columns + u32(x) / side; }
 };
 
@@ -74,7 +74,7 @@ void supported_by_neighbors(Span<const i64> t, Span<const i16> x, Span<const i16
     std::vector<i64> latest_of(std::size_t(rows * columns), NEVER);
     Span<i64> last(latest_of);
     each_event({columns - 2, rows - 2, columns, rows * columns}, {x, y}, [&](i64 i, i64 place) {
-        // the place of the pixel up and to the left, because of the border
+        // because of the border, this is the place of the pixel up and to the left
         Span<i64> above = last.part(place, place + 3), same = last.part(place + columns, place + columns + 3);
         Span<i64> below = last.part(place + 2 * columns, place + 2 * columns + 3);
         i64 latest = std::max({above[0], above[1], above[2], same[0], same[2], below[0], below[1], below[2]});

@@ -13,10 +13,10 @@ float sign(u8 p) {
     return signs[p];
 }
 
-// Add to a count; one of whole numbers stays at the end of its range.
+// Add to a count; an integer is clipped to its range.
 template <class T>
 void add(T& count, int step) {
-    // no branch, because which counts are at an end is unpredictable
+    // no branch, because it is unpredictable which counts are clipped
     if constexpr (std::is_integral_v<T>)
         count = T(count + (step > 0) * (count != std::numeric_limits<T>::max()) -
                   (step < 0) * (count != std::numeric_limits<T>::min()));
@@ -92,12 +92,12 @@ void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
     Images images{out.shape[2], out.shape[1]};
     i64 first = t[0], duration = minus(t.back(), first);
     require(duration >= 0, "times must not decrease");
-    // of equal times all are in the first bin
+    // if all times are equal, all events are in the first bin
     double scale = duration ? double(last) : 0, span = duration ? double(duration) : 1;
     Interrupt interrupt;
     some_events(images, events, 0, t.size(), interrupt, [&](i64 from, i64 count, const u32* places) {
         double at[STEPS];
-        // then bins are within the grid, because no rounding reaches the next whole number
+        // so bins are within the grid, because rounding doesn't reach the next integer
         require(scale_times(t.data() + from, count, first, u64(duration), scale, span, at), "times must not decrease");
         for (i64 k = 0; k < count; ++k) {
             float step = sign(p[from + k]);

@@ -8,7 +8,7 @@ namespace nvsdata {
 
 namespace {
 
-// Of each pixel and polarity, the sum of the exponentials of its events in the window, as of its epoch.
+// For each pixel and polarity, the sum of the exponentials of its events in the window, and its epoch.
 struct Sums {
     Span<double> values;
     Span<i64> epochs, members;
@@ -21,7 +21,7 @@ struct Sums {
     }
     void leave(i64 place, double value, i64 epoch) const {
         --members[place];
-        // the oldest value is the smallest, so little is lost; nothing at all of the last one
+        // the oldest value is the smallest, so rounding errors are small; without members the sum is exactly 0
         values[place] = members[place] ? values[place] - value * clock.faded(minus(epochs[place], epoch)) : 0.0;
     }
 };
@@ -52,7 +52,7 @@ void sum_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
         i64 since = minus(t[i], t[0]), epoch = clock.of(since);
         double value = clock.value(since, epoch);
         entries[i] = {value, epoch, place};
-        // those of the same time come later
+        // events of the same time are added later
         for (; entered < i && t[entered] < t[i]; ++entered)
             kept.enter(entries[entered].place, entries[entered].value, entries[entered].epoch);
         for (; left < entered && minus(t[i], t[left]) > window; ++left)
@@ -68,7 +68,7 @@ void sum_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
             i64 to = (home * 2 + channel) * around + (r - y[i] + radius) * side - x[i] + radius;
             for (i64 c = x0; c < x1; ++c) {
                 double near = kept.values[from + c];
-                // mostly nothing was there
+                // usually there is no event
                 if (near != 0) out.values[to + c] += near * clock.faded(minus(epoch, kept.epochs[from + c])) * shrink;
             }
         }

@@ -1,6 +1,6 @@
 // Layers of HOTS (Lagorce et al. 2017): time surfaces of features around events, and the prototypes nearest to them.
 //
-// A value of a surface is kept as exp((t - t_0) / tau), so that reading it later costs a product.
+// A value of a surface is stored as exp((t - t_0) / tau), so that its value at a later time is a product.
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -26,7 +26,7 @@ NVSDATA_INLINE float product(const float* a, const float* b, i64 count) {
     return total;
 }
 
-// Calls each(i, value, corner) for each event i, whose value is in `grown` then; its surface begins at `corner`.
+// Calls each(i, value, corner) for each event i after its value was added to `grown`; its surface begins at `corner`.
 template <class Each>
 void each_surface(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const i64> feature, double tau,
                   i64 radius, Array<double, 3> grown, Each each) {
@@ -76,7 +76,7 @@ void nearest_prototypes(Span<const i64> t, Span<const i16> x, Span<const i16> y,
                 for (i64 c = 0; c < side; ++c)
                     *flat++ = float(grown.values[f * size + corner + r * columns + c] * shrink);
         for (i64 k = 0; k < count; ++k) {
-            // the surface's own square is the same for all
+            // the squared norm of the surface is the same for all prototypes
             float product_k = best<product>(&prototypes.values[k * length], surface.data(), length);
             double distance = squares[k] - 2 * double(product_k);
             if (distance < least) least = distance, found[i] = k;

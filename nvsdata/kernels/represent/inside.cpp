@@ -7,7 +7,7 @@ namespace nvsdata {
 
 namespace {
 
-// The highest bit of one of both numbers is 1 for a value outside of 0 .. last.
+// The highest bit of at least one of both numbers is 1 for a value outside of 0 .. last.
 u16 sign_of(i16 value, i16 last) { return u16(value | (last - value)); }
 
 i16 last_of(i64 size) { return i16(std::clamp<i64>(size, 0, 32768) - 1); }
@@ -24,7 +24,7 @@ NVSDATA_INLINE bool are_bits(const u8* values, i64 count) {
     return all < 2;
 }
 
-// Of events with polarities, those of `second` are in the second image.
+// If events have polarities, those of polarity `second` are in the second image.
 template <bool has_polarity>
 NVSDATA_INLINE bool place_pixels(const i16* x, const i16* y, const u8* p, i64 count, i16 right, i16 bottom, u32 stride,
                                  u8 second, u32 size, u32* places) {

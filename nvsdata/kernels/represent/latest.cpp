@@ -44,7 +44,7 @@ void push_times(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<co
     each_event(images, events, [&](i64 i, i64 place) {
         u64 count = u64(counts.values[place]), slot = count % depth, polarity = 1 - p[i];
         counts.values[place] = i64(count + 1);
-        // a polarity's images of all slots come before the other's
+        // the images of all slots of one polarity come before those of the other
         times.values[place + i64((polarity * (depth - 1) + slot) * u64(images.size))] = t[i];
     });
 }
@@ -73,7 +73,7 @@ void logarithms_of_ages(Span<const i64> t, Span<const i16> x, Span<const i16> y,
     Interrupt interrupt;
     u32 places[STEPS];
     i64 depth = k;
-    // the latest first
+    // the latest event comes first
     for (i64 to = t.size(); to > 0; to -= std::min(to, STEPS)) {
         i64 from = to - std::min(to, STEPS);
         place_all(images, events, from, to, places);
@@ -89,7 +89,8 @@ void logarithms_of_ages(Span<const i64> t, Span<const i16> x, Span<const i16> y,
     }
 }
 
-// Of each pixel and polarity, a ring of bins of time: their numbers, and the sum of times within and their number.
+// For each pixel and polarity, a ring buffer of bins of time: their numbers, and the sum and number of the times in
+// each.
 void queue_bins(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 origin, i64 duration,
                 Array<i64, 4> bins, Array<double, 5> within, Array<i64, 3> used) {
     Pixels events{x, y, p, Polarity::off_first};
@@ -148,7 +149,7 @@ void latest_ticks(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
     i64 filters = out.shape[0];
     each_event(images, events, [&](i64 i, i64 place) {
         i64 age = minus(minus(now, 1), floor_divide(minus(t[i], start), tick));
-        // filters that are delayed by more ticks haven't seen it yet
+        // filters with a longer delay don't contain the event yet
         for (i64 k = 0; k < filters && k <= age; ++k) {
             float& value = out.values[place + 2 * k * images.size];
             value = std::max(float(1 - double(age - k) / decay), value);

@@ -10,7 +10,7 @@ namespace nvsdata {
 
 namespace {
 
-// Pieces of the function: where they end, and which is near each of equally spaced places from -1 to 1.
+// Pieces of the function: their ends, and the number of a piece near each of equally spaced places from -1 to 1.
 struct Pieces {
     Span<const double> ends;
     Span<const i32> nearby;
@@ -18,7 +18,7 @@ struct Pieces {
 
     Pieces(Span<const double> ends, Span<const i32> nearby)
         : ends(ends), nearby(nearby), scale(0.5 * double(nearby.size() - 1)) {
-        // so that a search ends within the pieces
+        // infinite, so that a search ends within the pieces
         constexpr double never = std::numeric_limits<double>::infinity();
         require(!ends.empty() && ends.back() == never, "the last piece must have no end");
         require(!nearby.empty(), "places must have pieces nearby");

@@ -21,7 +21,7 @@ void around_events(Span<const i16> x, Span<const i16> y, i64 queue, Span<const i
         }
     i64 rows = count.rows(), stride = count.columns();
     require_margin(margin, rows, stride);
-    // of each offset the step to its pixel, and the bins that it reaches, one after the other
+    // for each offset: the step to its pixel, and the bins that it reaches, one after the other
     std::vector<i64> steps, begins, which;
     std::vector<float> fractions;
     for (i64 m = 0; m < offsets; ++m) {
@@ -38,7 +38,7 @@ void around_events(Span<const i16> x, Span<const i16> y, i64 queue, Span<const i
     i64 middle = margin * stride + margin;
     each_event(images, {x, y}, [&](i64 i, i64 place) {
         ++counts[place + middle];
-        // events before this one have been placed
+        // the pixels of earlier events have been checked
         if (i >= queue) --counts[y[i - queue] * stride + x[i - queue] + middle];
         double total = 0;
         Span<float> row = out[i];

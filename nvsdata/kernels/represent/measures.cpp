@@ -10,7 +10,7 @@ namespace {
 enum Quantity { COUNT, POLARITY, TIME };
 enum Measure { SUM, MEAN, MAX, VARIANCE };
 
-// Doubles that a measure needs of each pixel: the sum or the maximum, the number of events, the sum of squares.
+// Number of doubles that a measure needs per pixel: sum or maximum, number of events, sum of squares.
 constexpr i64 needed(int measure) { return measure == VARIANCE ? 3 : measure == MEAN ? 2 : 1; }
 
 template <int measure>
@@ -31,7 +31,7 @@ void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
     Images images{out.columns(), out.rows()};
     Interrupt interrupt;
     double duration = double(span);
-    // of constants, so that loops have no more than they need
+    // with constants as arguments, so that loops have no unneeded branches
     auto add = [&](auto kind, auto value_of) {
         constexpr int what = decltype(kind)::value;
         Span<double> sums = scratch.values.part(0, needed(what) * images.size);

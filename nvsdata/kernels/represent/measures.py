@@ -27,9 +27,9 @@ def measured(
 ) -> None:
     """Write a measure of the events of each pixel to `out` float32 [H, W]; 0 for pixels without events. O(N).
 
-    Events `first` to `last` of polarity `wanted` count (-1 for both polarities). `measure` is one of SUM, MEAN, MAX and
-    VARIANCE. `quantity` is one of COUNT (1 per event), POLARITY (±1) and TIME (since `start`, as a fraction of `span`).
-    `scratch` is float64 [3, H, W].
+    Events `first` to `last` - 1 of polarity `wanted` count (-1: both polarities). `measure` is one of SUM, MEAN, MAX
+    and VARIANCE. `quantity` is one of COUNT (1 per event), POLARITY (±1) and TIME (since `start`, as a fraction of
+    `span`). `scratch` is float64 [3, H, W].
     """
     _native.measured(t, x, y, p, start, span, first, last, wanted, quantity, measure, scratch, out)
 

@@ -12,7 +12,7 @@ namespace {
 
 constexpr i64 SIDE = 8, CELLS = SIDE * SIDE;  // of a tile of pixels
 
-// A value of each pixel, 0 at first, in tiles, so that memory grows with the events.
+// A value per pixel, at first 0, in tiles, so that memory grows with the number of events.
 template <class Value>
 class Tiles {
 public:
@@ -24,7 +24,7 @@ public:
         columns_ = (*right - left_) / SIDE + 1, rows_ = (*bottom - top_) / SIDE + 1;
         tiles_.resize(std::size_t(columns_ * rows_));
     }
-    // Of an event's pixel, which is in the box around all events.
+    // The value of the pixel of an event, which must be in the box around all events.
     Value& of_event(i16 x, i16 y) {
         u32 column = u32(x - left_), row = u32(y - top_);
         i32& tile = Span<i32>(tiles_)[row / SIDE * columns_ + column / SIDE];
@@ -49,13 +49,13 @@ public:
 
 private:
     i64 left_ = 0, top_ = 0, columns_ = 0, rows_ = 0;
-    std::vector<i32> tiles_;  // where values of the tile are, from 1 on, or 0
+    std::vector<i32> tiles_;  // number of the values of each tile, from 1 on, or 0
     std::vector<Value> values_;
 };
 
 struct Node {
     i64 first, last, total, events;  // times, and the sum of times since the first
-    float counts[2];                 // of polarity 1 and 0
+    float counts[2];                 // numbers of events of polarity 1 and 0
     i16 x, y;
     i64 mean() const { return plus(first, floor_divide(total, events)); }
 };
@@ -67,7 +67,7 @@ i64 merged_pixels(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
     require(n <= std::numeric_limits<i32>::max(), "at most 2^31 - 1 events can be merged");
     require_shapes(pos.rows() == n && pos.columns() == 2 && time.size() == n && ends.rows() == n &&
                    ends.columns() == 2 && counts.rows() == n && counts.columns() == 2);
-    Tiles<i32> numbers(x, y);  // of nodes, from 1 on
+    Tiles<i32> numbers(x, y);  // numbers of nodes, from 1 on
     std::vector<Node> nodes;
     Interrupt interrupt;
     for (i64 i = 0; i < n; ++i) {
@@ -77,14 +77,14 @@ i64 merged_pixels(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
             number = i32(nodes.size());
         }
         Node& node = Span<Node>(nodes)[number - 1];
-        // from the first time on, because a sum of absolute times may be too large
+        // times since the first one, because a sum of absolute times may overflow
         node.total = plus(node.total, minus(t[i], node.first));
         node.last = t[i];
         ++node.events;
         node.counts[p[i] == 0] += 1;
         if (i % STEPS == 0) interrupt.poll();
     }
-    // of equal means the pixel that fired first
+    // ties of the mean: the pixel that fired first
     std::vector<std::pair<i64, i32>> by_time;
     for (const Node& node : nodes) by_time.emplace_back(node.mean(), i32(by_time.size()));
     std::sort(by_time.begin(), by_time.end());
@@ -100,7 +100,7 @@ i64 merged_pixels(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
     return m;
 }
 
-// The pixel that a node is nearest to, along an axis; far away for what is no pixel.
+// The pixel nearest to a node, along an axis; for NaN and the like, one that is far away.
 i64 pixel_of(float place) {
     double pixel = std::floor(double(place) + 0.5);
     return std::abs(pixel) < 1e6 ? i64(pixel) : i64(1) << 32;

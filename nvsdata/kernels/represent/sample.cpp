@@ -28,7 +28,7 @@ NVSDATA_INLINE Range range_of(const i16* values, i64 count) {
     return {least, most};
 }
 
-// A value, and how many equal ones come before the place that was searched.
+// A value, and the number of equal values before the place that was searched.
 struct Border {
     i32 value;
     i64 equal;
@@ -50,7 +50,7 @@ Border median(Span<const i16> values, Range range, i64 nth) {
             if (bucket <= most) ++counts[bucket];
         }
         i32 bucket = 0;
-        // ends within the range, because that has more than nth values
+        // the loop ends within the range, because the range has more than nth values
         while (before + counts[bucket] <= nth) before += counts[bucket++];
         first += bucket << shift;
         if (shift == 0) return {first, nth - before};
@@ -58,7 +58,7 @@ Border median(Span<const i16> values, Range range, i64 nth) {
     }
 }
 
-// Events of which every box keeps its own in order of time, so that a split in time costs nothing.
+// Events in boxes, each of which keeps its events in order of time, so that a split in time needs no sorting.
 class Sampler {
 public:
     Sampler(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 k, double wx, double wt)
@@ -128,7 +128,7 @@ private:
             bool tie = (at == border.value) & (border.equal > 0);
             border.equal -= tie;
             bool near = (at < border.value) | tie;
-            // no branch: both places are written, and only the counts depend on the comparison
+            // without a branch: both places are written, and only the counts depend on the comparison
             far_index[right] = event, far_x[right] = at, far_y[right] = other;
             index[left] = event, x[left] = at, y[left] = other;
             left += near;

@@ -1,4 +1,4 @@
-// Time surfaces: how long ago pixels had their last event, as exponentials.
+// Time surfaces: exponentials of the ages of the last events of pixels.
 #include "../native/bind.h"
 #include "../native/levels.h"
 #include "epochs.h"
@@ -17,7 +17,7 @@ NVSDATA_INLINE void scale(const double* values, i64 count, double factor, float*
 // before by `older`; earlier ones are 0.
 void read_square(const double* grown, const i64* epochs, i64 stride, i64 side, i64 epoch, double shrink, double older,
                  float* out) {
-    // no branches, because which pixels have events is unpredictable
+    // no branches, because it is unpredictable which pixels have events
     const double factors[] = {shrink, older, 0};
     for (i64 r = 0; r < side; ++r, grown += stride, epochs += stride)
         for (i64 c = 0; c < side; ++c)
@@ -35,7 +35,7 @@ void surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
     std::array<double, TABLE> steps;
     for (i64 gap = 0; gap < TABLE; ++gap) steps[gap] = std::exp(double(gap) / tau);
     Interrupt interrupt;
-    i64 begin = frames ? times[0] : 0;  // values grow from this moment on
+    i64 begin = frames ? times[0] : 0;  // time from which values grow
     for (i64 n = 0; n < frames; ++n) {
         if (double(minus(times[n], begin)) > 100 * tau) {
             double factor = std::exp(double(minus(begin, times[n])) / tau);
@@ -76,7 +76,7 @@ void event_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Spa
     each_event(images, events, [&, side = side, channels = channels](i64 i, i64 place) {
         i64 since = minus(t[i], t[0]), epoch = clock.of(since);
         double value = clock.value(since, epoch);
-        // from 1 on, because 0 is that of no event
+        // from 1 on, because 0 stands for a pixel without event
         epoch = plus(epoch, 1);
         grown.values[place + middle] = value;
         epochs.values[place + middle] = epoch;
