@@ -181,7 +181,7 @@ def _scores(options: Options, precision: str, fuse: bool) -> PreparedCase:
 
 
 def _configured(options: Options, name: str) -> PreparedCase:
-    """Prepare scores of two samples; the exact ones are computed in float64 on the CPU."""
+    """Prepare scores of two samples; the exact scores are computed in float64 on the CPU."""
     make, sensor_size, sequences = NETWORKS[name]
     batch = sample_batch(sensor_size, sequences)
     with torch.inference_mode():

@@ -51,7 +51,7 @@ def _others(options: Options) -> Iterator[Case]:
 
 
 def _pools(options: Options) -> Iterator[Case]:
-    """Yield cases of nodes in more and more of the clusters."""
+    """Yield cases of pooling with nodes in more and more of the clusters."""
     for fraction in (0.01, 0.1, 1.0):
         yield Case(
             *("layers", "pooling of 20,000 nodes in a part of the clusters", partial(_pool, options, fraction)),

@@ -117,7 +117,7 @@ def _ours(root: Path) -> Any:
 
 
 class _Theirs:
-    """Dataset of the same files that reads them and makes frames with tonic."""
+    """Dataset of the same files, which tonic reads and converts to frames."""
 
     def __init__(self, root: Path) -> None:
         from tonic import datasets, transforms

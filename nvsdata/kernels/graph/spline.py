@@ -41,7 +41,7 @@ def dense_gradient(
 def spline_plan(
     source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, nodes: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rows of a graph's aggregation, sorted by kernel cell, and what is added to them.
+    """Return the rows of a graph's aggregation, sorted by kernel cell, and the entries that are added to them.
 
     A row is a pair of node and cell with at least one edge. An entry adds the features of a source, times a weight, to
     a row. O(2^D E + size^D + rows).
