@@ -33,11 +33,11 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.data.pseudo import Pseudo
 from nvsdata.training import Trainer, TrainTestSplit, Votes, loader, run, team, to_tensorboard, votes, write_report
 from nvsdata.training.evaluation import validation
-from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWORKS, SCHEDULES, Objects
+from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWORKS, NODES, SCHEDULES, Objects
 from nvsdata.transforms.events.sampling import BETA
 from nvsdata.transforms.graphs.edges import PSEUDO
 
-GRAPH = ("k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
+GRAPH = ("nodes", "k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
 NETWORK = ("network", "convolution", "depth", "kernel_size", "dropout", "image_size")
 SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "augment", "schedule", "smoothing")
 # number of repetitions of the last evaluation if the test set has fewer than FEW recordings
@@ -104,6 +104,8 @@ def arguments() -> argparse.Namespace:
     add(
         "--k", type=at_least_1, help="keep one event of boxes of up to K; 1 keeps all (default 8, n-mnist 1; Table 4.1)"
     )
+    text = "a node per event, or per pixel with the numbers and times of its events (default events)"
+    add("--nodes", choices=NODES, default=NODES[0], help=text)
     add("--radius", type=float, default=3.0, help="radius of the graph in pixels (default 3; Table 4.2)")
     add("--alpha", type=float, default=1.0, help="weight of squared pixels in the distance between events (default 1)")
     add(

@@ -33,6 +33,10 @@ SMALL = "n-mnist"  # so few events that each is a node
 USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
 # rows that follow events can't be pooled between
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
+# a pixel's neighbors are those of a grid, so fewer channels and pixels per cluster are as good
+PIXELS: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128}
+TIMES = ("first", "last", "mean")
+NODES = ("events", "pixels")
 SCHEDULES = ("one-cycle", "steps")
 FEATURES: dict[str, Any] = {
     "age": T.Age(),
@@ -51,9 +55,11 @@ class Objects:
         dataset: Name of the dataset. Digits (n-mnist, mnist-dvs) aren't mirrored.
         network: One of `NETWORKS`.
         convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" or one of `models.CONVOLUTIONS`.
+        nodes: "events" (default) for a node per event, or "pixels" for a node per pixel, with the numbers of its ON and
+            OFF events, and their first, last and mean times, in place of polarity.
         window: Duration of a sample in µs, at a random position of the recording (Table 4.3).
-        k: Maximum events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None: 1 for n-mnist,
-            otherwise 8.
+        k: Maximum events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None: 1 for n-mnist and
+            for pixels, otherwise 8.
         radius: Radius of a neighborhood; see `RadiusGraph` (Table 4.2).
         alpha: Weight of space; see `RadiusGraph`.
         beta: Weight of time; see `RadiusGraph`.
@@ -89,6 +95,7 @@ class Objects:
     dataset: str
     network: str = "rgcnn"
     convolution: str = "spline"
+    nodes: Literal["events", "pixels"] = "events"
     window: int = 30_000
     k: int | None = None
     radius: float = 3.0
@@ -125,6 +132,8 @@ class Objects:
             raise ValueError(f"convolution must be one of {('spline', *models.CONVOLUTIONS)}, not {self.convolution!r}")
         if self.schedule not in SCHEDULES:
             raise ValueError(f"schedule must be one of {SCHEDULES}, not {self.schedule!r}")
+        if self.nodes not in NODES:
+            raise ValueError(f"nodes must be one of {NODES}, not {self.nodes!r}")
         if unknown := set(self.features) - FEATURES.keys():
             raise ValueError(f"features must be of {tuple(FEATURES)}, not {', '.join(sorted(unknown))}")
         given = {
@@ -132,11 +141,12 @@ class Objects:
             "depth": self.depth,
             "k": (self.k or 1) > 1,
             "network": self.network in IMAGE_NETWORKS,
+            "nodes": self.nodes != "events",
         }
         if self.causal and (wrong := [name for name, value in given.items() if value]):
-            value = getattr(self, wrong[0])
+            given_value = f"{wrong[0]} is {getattr(self, wrong[0])!r}"
             raise ValueError(
-                f"a causal network is an rgcnn or gcnn with features=() and without depth or k: {wrong[0]} is {value!r}"
+                f"a causal network is an rgcnn or gcnn of events, with features=() and no depth or k: {given_value}"
             )
 
     def setting(self, name: str) -> Any:
@@ -144,6 +154,8 @@ class Objects:
         given = getattr(self, name)
         if self.causal and name in ("k", "depth"):
             return 1 if name == "k" else None
+        if given is None and name == "k" and self.nodes == "pixels":
+            return 1
         return given if given is not None or name not in USUAL else USUAL[name][self.dataset != SMALL]
 
     @property
@@ -163,6 +175,8 @@ class Objects:
             return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
         sample: list[Any] = [T.NonUniformSample(k, self.alpha, self.beta)] if (k := self.setting("k")) > 1 else []
         graph: Any = self._graph()
+        if self.nodes == "pixels":
+            graph = T.Compose([T.MergePixels(TIMES), graph])
         changes = training and self.augment
         if not self.features and self.dataset not in DIGITS:
             # as in the thesis; features of the events around a node couldn't follow it
@@ -194,10 +208,11 @@ class Objects:
         side = max(sensor_size)
         nearest = "n-mnist" if side <= 34 else "cifar10-dvs" if side <= 128 else "asl-dvs"
         name = self.dataset if self.dataset in models.CONFIGURATIONS else nearest
+        own = 2 + len(TIMES) if self.nodes == "pixels" else 1
         settings = dict(models.CONFIGURATIONS[name]) | {
             "num_classes": classes,
             "kernel_size": self.kernel_size,
-            "in_channels": 1 + sum(FEATURES[name].channels for name in self.features),
+            "in_channels": own + sum(FEATURES[name].channels for name in self.features),
             "dim": axes(self.pseudo),
             "loops": self.loops,
             "root_weight": self.root_weight,
@@ -207,6 +222,8 @@ class Objects:
             settings |= CAUSAL[side > 34] | {"clusters": (None, None, settings["clusters"][-1])}
         elif (depth := self.setting("depth")) is not None:
             settings |= self._of_depth(depth, side)
+        elif self.nodes == "pixels" and side > 34:
+            settings |= PIXELS
         if any(ours > theirs for ours, theirs in zip(sensor_size, settings["sensor_size"], strict=True)):
             raise ValueError(
                 "the network is for {}x{} pixels, not {}x{}".format(*settings["sensor_size"], *sensor_size)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from nvsdata import models
+from nvsdata import Events, models
 from nvsdata.training import Team
 from nvsdata.training.actions import Actions
 from nvsdata.training.objects import FEATURES, Objects
@@ -80,6 +80,21 @@ def test_settings_reach_the_network():
     assert (plain["loops"], plain["root_weight"], plain["shortcut_start"]) == (True, True, 0.0)
 
 
+def test_nodes_of_pixels_have_counts_and_times_and_a_smaller_network():
+    protocol = Objects("n-cars", nodes="pixels", features=("patch3",))
+    assert protocol.setting("k") == 1
+    model = built(protocol, 120, 100, classes=2)
+    assert model.settings["channels"] == (32, 64, 128)
+    events = Events(range(0, 90, 10), [3, 3, 4, 50, 50, 50, 50, 99, 99], [2] * 9, [1, 1, 0] * 3, (120, 100))
+    graph = protocol.pipeline(training=False)(events)
+    assert graph.num_nodes == 4
+    assert graph.x.shape[1] == model.settings["in_channels"] == 2 + 3 + 18
+    assert sorted(graph.x[:, :2].tolist()) == [[0, 1], [1, 1], [2, 0], [3, 1]]
+    assert protocol.build((120, 100), 2).eval()(graph).shape == (1, 2)
+    # a sensor like N-MNIST's keeps its own network
+    assert built(Objects("n-mnist", nodes="pixels"), 34, 34).settings["channels"] == (32, 64, 64, 128, 128)
+
+
 def test_what_is_left_open_is_the_datasets():
     usual = {name: Objects("n-cars").settings[name] for name in ("k", "depth", "dropout")}
     small = {name: Objects("n-mnist").settings[name] for name in ("k", "depth", "dropout")}
@@ -102,6 +117,7 @@ def test_what_is_left_open_is_the_datasets():
         ({"dropout": -0.01}, "dropout must be between"),
         ({"radius": -1.0}, "radius"),
         ({"convolution": "sage"}, r"convolution must be one of \('spline', 'gcn', .*, not 'sage'"),
+        ({"nodes": "voxels"}, r"nodes must be one of \('events', 'pixels'\), not 'voxels'"),
         ({"schedule": "cosine"}, r"schedule must be one of \('one-cycle', 'steps'\), not 'cosine'"),
         ({"features": ("age", "old", "new")}, r"features must be of \('age', .*, not new, old$"),
     ],
@@ -198,7 +214,9 @@ def test_causal_networks_pool_at_their_end_only_and_can_stream(kind, sensor, cha
     assert decider.stream.window == 30_000
 
 
-@pytest.mark.parametrize("wrong", [{"features": ("age",)}, {"depth": 3}, {"k": 2}, {"network": "vgg19"}])
+@pytest.mark.parametrize(
+    "wrong", [{"features": ("age",)}, {"depth": 3}, {"k": 2}, {"network": "vgg19"}, {"nodes": "pixels"}]
+)
 def test_causal_networks_know_no_events_to_come(wrong):
     with pytest.raises(ValueError, match=f"a causal network is .*: {next(iter(wrong))} is "):
         Objects("n-mnist", causal=True, **{"features": ()} | wrong)
