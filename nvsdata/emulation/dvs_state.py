@@ -62,7 +62,7 @@ def _sensor(settings: DVSSettings, shape: tuple[int, int], number: Any, table: n
     if settings.mismatch:
         spread = np.random.default_rng((settings.seed, 2)).normal(1, settings.mismatch, (2, *shape))
         each = (np.maximum(spread, 0.1) * thresholds[:, None, None]).astype(number)
-    # s to µs
+    # converts rates per second to rates per µs
     leak, speed = settings.leak * settings.on / 1e6, 2 * math.pi * settings.cutoff / 1e6
     return Sensor(table, round(settings.dark * THOUSAND), thresholds, each, leak, speed)
 

@@ -21,7 +21,7 @@ from nvsdata.video.upsample import upsample_frames
 
 DELAYS = range(-10_000, 20_001, 1_000)  # µs; delays that are tried first
 LATEST = 100_000  # µs; delays of up to this magnitude are tried if the best is at an end of `DELAYS`
-FOLLOWED = 0.1  # correlation of polarities with changes of light from which events follow the frames
+FOLLOWED = 0.1  # smallest correlation of polarities with changes of light if events follow the frames
 ALONE = "delay=0 estimates leak and noise only"
 ALIKE = 0.5  # correlation of adjacent pixels' changes of light below which the changes are noise of the frames
 PER_PIXEL = 10  # events that an estimate of a pixel's own threshold needs
@@ -35,7 +35,7 @@ class Fit:
         settings: The fitted emulator.
         delay: Time in µs by which events follow the changes between frames: the delay of the sensor, plus the time
             until a change of light reaches a threshold.
-        correlation: Correlation of the numbers of events per pixel, emulated and real.
+        correlation: Correlation between the emulated and the real numbers of events per pixel.
         thresholds: Thresholds of each pixel, OFF and ON, float64 [2, H, W]; NaN for pixels with too few events.
         unidentified: Settings that couldn't be estimated and keep the values of `base`, each with the reason. A `dark`
             or delay at the limit of the search is only a bound, and is listed, too. So is the threshold of a polarity
@@ -82,8 +82,8 @@ def fit(
         frames: Frames, as `DVS.stream` takes them.
         events: Events of the same sensor and scene.
         times: Times of the frames in µs, by the clock of the events (default: the frames' own times).
-        delay: Time in µs by which events follow the frames (default: estimated, between -10 and 20 ms first, and up to
-            100 ms either way). With a given delay, leak and noise can be estimated from a still scene.
+        delay: Time in µs by which events follow the frames (default: estimated; from -10 to 20 ms first, then up to
+            100 ms in either direction). With a given delay, leak and noise can be estimated from a still scene.
         base: Emulator with the settings that aren't estimated, such as `upsample` and `mismatch` (default: `DVS()`).
         noise: Estimate leak and noise. If False, those of `base` are kept.
 

@@ -42,7 +42,7 @@ class FrameEmulator(ABC):
             size: (width, height) in pixels that frames are scaled to (default: unchanged).
 
         Returns:
-            Events whose times (µs) count from the first frame, or are in the video's own clock or that of `times`.
+            The events. Their times (µs) count from the first frame, or are those of the video's clock or of `times`.
 
         Example:
             >>> import numpy as np, nvsdata
@@ -81,7 +81,7 @@ class FrameEmulator(ABC):
 
         Raises:
             FileNotFoundError: There is no such video.
-            FormatError: OpenCV can't decode it.
+            FormatError: OpenCV can't decode the video.
             ValueError: There are no frames, their size or type changes, times don't rise, or the settings need larger
                 frames.
 

@@ -97,7 +97,7 @@ def without_harmful_leak(
 
 
 def fit_refractory(settings: DVS, found: Events, real: Events, unidentified: dict[str, str]) -> DVS:
-    """Return settings with the refractory period.
+    """Return the settings with the refractory period, if it can be estimated.
 
     Real pixels hardly ever fire again within this period, though emulated ones do.
 
@@ -116,7 +116,7 @@ def fit_refractory(settings: DVS, found: Events, real: Events, unidentified: dic
     least, few = np.quantile(gaps, (RAREST, 10 * RAREST)).tolist()
     # at a refractory period, intervals end sharply; without one, short intervals get rarer gradually, or there are none
     if few > SHARP * least or np.quantile(ours, RAREST) > least / SOONER:
-        unidentified["refractory"] = "pixels don't fire again soon enough to reach it"
+        unidentified["refractory"] = "pixels don't fire again soon enough to reach this period"
         return settings
     return replace(settings, refractory=int(least))
 

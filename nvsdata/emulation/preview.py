@@ -21,7 +21,7 @@ from nvsdata.video.frames import TruncatedVideo, frames_of
 
 FOLDER = ".previews"  # in the folder of recordings; hidden, so that its films are taken for neither videos nor classes
 LONGEST = 60  # s of the video
-WIDE = 360  # pixels that each half is scaled up to, by a whole number
+WIDE = 360  # pixels; narrower halves of the film are enlarged to at most this width, by a whole number
 FASTEST = 240.0  # frames per second
 
 

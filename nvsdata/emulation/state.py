@@ -17,10 +17,8 @@ from nvsdata.video.video_frame import FULL, VideoFrame, rgb_luminance, stretch_l
 
 LONGEST = 2**31  # µs; times in keys are below it
 KEPT = 2 * DEPTH + 3  # frames whose keys are kept until they are read
-KEYED = (
-    "interpolated",
-    "random",
-)  # methods whose timestamps are stored in the keys; linear ones follow from the raster order
+# methods whose timestamps are stored in the keys; linear timestamps follow from the raster order
+KEYED = ("interpolated", "random")
 
 
 @dataclass
@@ -93,7 +91,7 @@ class EmulatorState(ABC):
         self._keys = deque(np.empty(height * width + 64 * width, np.uint64) for _ in range(KEPT))
 
     def none(self, now: int) -> FrameSpikes:
-        """Return spikes of zero length, for a frame at `now` µs without events."""
+        """Return a `FrameSpikes` without spikes, for a frame at `now` µs."""
         return FrameSpikes(self._keys[0][:0], now, now, self.timestamps, self.sensor_size)
 
     def step(self, frame: VideoFrame) -> FrameSpikes:
@@ -116,7 +114,7 @@ class EmulatorState(ABC):
         return FrameSpikes(keys, before, now, self.timestamps, self.sensor_size, frame.whole, self._light())
 
     def events(self, spikes: FrameSpikes) -> Events:
-        """Return the events of spikes, with the sensor's imperfections; must be called for each frame, in order."""
+        """Return the events of spikes, with the sensor's imperfections. Call it once per frame, in order."""
         found = spikes.events()
         if self.imperfections is None or spikes.now == spikes.before:
             return found

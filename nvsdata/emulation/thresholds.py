@@ -14,13 +14,11 @@ from nvsdata.emulation.dvs import DVS
 from nvsdata.video.frames import VideoFrame
 
 LEAST, MOST = 0.01, 3.0  # range of thresholds
-CLOSE, FAR = (
-    0.003,
-    0.05,
-)  # differences of logarithms of event counts: below CLOSE the search ends, beyond FAR it has failed
+# differences of logarithms of event counts: below CLOSE the search ends, beyond FAR it has failed
+CLOSE, FAR = 0.003, 0.05
 ROUNDS = 25  # emulations of a search
-NARROW, WIDE = 1e-4, 0.1  # logarithms: width below which a bracket is exhausted, and width to which it is opened again
-FEWEST = 100  # events of a polarity that its threshold needs
+NARROW, WIDE = 1e-4, 0.1  # widths of a logarithmic interval: below NARROW the interval is widened to WIDE again
+FEWEST = 100  # events of a polarity that an estimate of its threshold needs
 NAMES = ("off", "on")
 DARKS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # gray levels that are tried first
 DARKEST, BRIGHTEST = 0.1, 1_000.0  # limits of the search for `dark`
@@ -40,7 +38,8 @@ def match_thresholds(trial: DVS, frames: list[VideoFrame], wanted: np.ndarray, f
     Args:
         trial: Settings to begin with.
         frames: Frames of the scene.
-        wanted: Numbers of OFF and of ON events; the search ends when their logarithms differ by less than `CLOSE`.
+        wanted: Numbers of OFF and of ON events; the search ends if logarithms of the emulated numbers differ from
+            theirs by less than `CLOSE`.
         free: Mask of the thresholds that may change, OFF and ON.
     """
     brackets = _Bracket(), _Bracket()

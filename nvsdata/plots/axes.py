@@ -22,13 +22,8 @@ def rgb(bgr: tuple[int, int, int]) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-LINES = [
-    rgb(OFF),
-    rgb(ON),
-    rgb(BOTH),
-    rgb((90, 160, 60)),
-    rgb((40, 150, 230)),
-]  # colors of the lines of a chart, in order
+# colors of the lines of a chart, in order
+LINES = [rgb(OFF), rgb(ON), rgb(BOTH), rgb((90, 160, 60)), rgb((40, 150, 230))]
 
 
 def new_figure(size: tuple[int, int]) -> Figure:

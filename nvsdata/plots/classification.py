@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 CELL, FEWEST, MOST = 40, 320, 1_300  # pixels: side of a cell, smallest and largest side of a matrix
 COUNTED = 26  # pixels; smallest side of a cell that a number fits into
 LINE = 13  # pixels; height of a line of small text
-LONGEST = 24  # characters of a name
+LONGEST = 24  # characters of a name; longer names are shortened
 MOST_BARS = 120
-FRACTIONS = (0.01, 0.05, 0.2, 0.5, 1.0)  # that the legend of a confusion matrix shows
+FRACTIONS = (0.01, 0.05, 0.2, 0.5, 1.0)  # fractions in the legend of a confusion matrix
 RIGHT, WRONG = (10, 60, 130), (160, 20, 20)
 PANEL_SIZE = 420, 520  # pixels of a reliability diagram
 
@@ -89,8 +89,8 @@ def class_bars(
     Args:
         classes: Names of the C classes.
         counts: Number of samples of each class, [C]. Classes without samples are left out.
-        kinds: Name and accuracies [C] of one or two kinds of accuracy, such as that of single windows and that of
-            voting. The first is drawn as blue bars, the second as red strokes.
+        kinds: Name and accuracies [C] of one or two kinds of accuracy, such as single-window accuracy and
+            voting accuracy. The first is drawn as blue bars, the second as red strokes.
         title: Text above the chart.
 
     Returns:

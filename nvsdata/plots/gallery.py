@@ -33,7 +33,7 @@ class ClassSummary:
 
     Args:
         name: Name of the class.
-        recordings: Number of its recordings.
+        recordings: Number of recordings of the class.
         events: Number of events of each recording that was read.
         seconds: Time from the first to the last event of each recording that was read, in s.
         on: Number of ON events of each recording that was read.
@@ -103,7 +103,7 @@ def _row(name: str, summary: ClassSummary) -> str:
 
 
 def image_tags(summary: ClassSummary, style: str = "") -> str:
-    """Return the images of a class as HTML elements with this CSS."""
+    """Return the images of a class as HTML elements with the CSS `style`."""
     return "".join(
         f'<img alt="{as_html(title)}" title="{as_html(title)}" style="{style}" '
         f'src="data:image/png;base64,{base64.b64encode(png).decode()}">'

@@ -27,8 +27,8 @@ def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window
     Args:
         events: The events. 2 million events make a page of 21 MB.
         title: Title of the page.
-        frames: Frames of the same camera, shown behind the events. If there are more than 600, only every second,
-            third ... is shown.
+        frames: Frames of the same camera, shown behind the events. If there are more than 600, only every n-th
+            frame is shown, so that at most 600 are left.
         window: Initial length of the window in µs (default: 33,333, but at most a tenth of the recording).
 
     Returns:

@@ -82,7 +82,7 @@ def side_by_side(a: Events, b: Events, fps: float, offset: int = 0) -> np.ndarra
     Args:
         a: Events of the upper row.
         b: Events of the lower row.
-        fps: Images per second: each shows the events of 1 / fps s.
+        fps: Each image shows the events of 1 / `fps` s.
         offset: Time in µs that is added to the times of `b` (default 0).
 
     Returns:

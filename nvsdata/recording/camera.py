@@ -33,7 +33,7 @@ class Facts(Protocol):
 
 
 class StreamDecoder(Protocol):
-    """Decoder of a camera's stream; `width` and `height` are the sensor's, in pixels."""
+    """Decoder of a camera's stream; `width` and `height` are those of the sensor in pixels."""
 
     width: int
     height: int
@@ -43,7 +43,7 @@ class StreamDecoder(Protocol):
         """Number of faults of each kind in the stream so far, by name."""
 
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
-        """Return the contents of blocks of the stream, and the times (µs, int64) of pulses at the external input.
+        """Yield the contents of blocks of the stream, and the times (µs, int64) of pulses at the external input.
 
         Times count from the last reset of the camera's clock. Data before this reset are left out, and so are data from
         time `last` (µs) on, unless `last` is None.
@@ -52,7 +52,7 @@ class StreamDecoder(Protocol):
 
 @runtime_checkable
 class Camera(Protocol):
-    """A camera that is connected.
+    """Protocol of a connected camera.
 
     The order of calls is `configure`, `start`, `reset_time`, `stop`, any number of times. Between `start` and `stop` a
     thread calls `read`, and at last `end_reading`. Methods raise CameraError, or Unplugged if the camera was
@@ -61,7 +61,7 @@ class Camera(Protocol):
 
     # bytes of a word of the stream: an incomplete word at the end of a block is dropped and counted
     unit: int
-    # s without a byte after which the camera counts as stalled; None for a camera that may send nothing for any time
+    # s without a byte after which the camera counts as stalled; None for a camera that may be silent for any time
     silence: float | None
 
     @property
@@ -111,7 +111,7 @@ class Camera(Protocol):
 
 def check_camera(camera: object) -> None:
     """Raise TypeError for an object without all members of a camera."""
-    # not by isinstance, which ignores members from __getattr__ since Python 3.12: a wrapper of a camera may have some
+    # isinstance isn't used: since Python 3.12 it ignores members from __getattr__, which a wrapper may have
     members = [name for name in (*Camera.__annotations__, *vars(Camera)) if not name.startswith("_")]
     if missing := ", ".join(name for name in members if not hasattr(camera, name)):
         what = f"{type(camera).__name__} is not a camera: it misses {missing}"

@@ -41,13 +41,13 @@ class RecordingReport:
 
     Args:
         path: The file, None if nothing was written.
-        events: Events recorded.
-        seconds: Time of the last event.
-        received: Bytes from the camera.
-        lost: Bytes that were dropped because they came faster than they were written.
-        dropped: Events that the camera dropped, None if it doesn't count them.
+        events: Number of events.
+        seconds: Time of the last event in s.
+        received: Number of bytes from the camera.
+        lost: Number of bytes that were dropped because they came faster than they were written.
+        dropped: Number of events that the camera dropped, None if the camera doesn't count them.
         ended: Reason for the end of the recording.
-        error_counts: Faults of the stream by name, as the decoder counts them.
+        error_counts: Number of faults of the stream, by name.
         temperature: Temperature of the inertial unit (°C), None without one.
         triggers: Times (µs) of pulses and rising edges at the external input.
         zero: The host's time (µs) at which the camera's time began.
@@ -113,7 +113,7 @@ def record(
         settings: Settings that the camera's `configure` takes (default: the camera's defaults).
         seconds: Duration of the recording in s (default: until stopped).
         stop: Event that ends the recording when it is set (default: none).
-        watch: Called with the report so far and the events of each block, from another thread.
+        watch: Function that is called with the report so far and the events of each block, in another thread.
         journaled: Copy the stream to FILE.davis, which `nvsdata.open` reads, until the file is complete. The copy
             stays if the file can't be written (default True).
 

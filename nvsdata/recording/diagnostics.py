@@ -31,7 +31,7 @@ class Finding(NamedTuple):
     Args:
         what: Name of the requirement.
         found: Result of the check.
-        cure: Remedy, None if the requirement is met.
+        cure: Remedy, None if none is needed.
         needed: False if the requested recording is possible without this requirement.
     """
 

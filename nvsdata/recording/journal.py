@@ -13,7 +13,7 @@ from nvsdata.common.files import named, write_all
 from nvsdata.common.locks import OutputInUse, locked
 
 SUFFIX = ".davis"
-SETTLED = 1.0  # s after which written data is flushed to the disk
+SETTLED = 1.0  # s between flushes of written data to the disk
 
 
 def journal_of(path: Path) -> Path:

@@ -85,7 +85,7 @@ class LiveView:
 
 
 def sharpness(events: Events) -> float:
-    """Return the energy of an event image's Laplacian divided by that of the image; blur makes this sharpness lower."""
+    """Return the sharpness of an event image, the energy of its Laplacian divided by that of the image."""
     width, height = events.sensor_size
     signed = np.bincount(events.y * np.intp(width) + events.x, events.p * 2.0 - 1, width * height)
     image = cv2.GaussianBlur(signed.reshape(height, width).astype(np.float64), (0, 0), 1)

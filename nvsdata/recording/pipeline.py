@@ -10,7 +10,7 @@ from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.journal import StreamJournal
 
 ROOM = 64 << 20  # bytes that may wait to be written and decoded
-PIECE = 1 << 20  # bytes of a block that is passed on, if that many wait
+PIECE = 1 << 20  # bytes from which waiting blocks are passed on as one
 GATHER = 0.03  # s to wait for more, if few bytes wait
 SILENT_END = 1.0  # s without a byte at the end, after which a camera that sends words of its clock counts as stalled
 TAIL = 0.3  # s to wait for bytes in transit when the time is up
@@ -62,8 +62,8 @@ class Waiting:
 class CameraReader(Thread):
     """Thread that reads a camera's stream.
 
-    From `begin` on, it keeps up to `ROOM` bytes until they are taken. Bytes beyond that are dropped and counted as
-    `lost`. With a `journal`, blocks are written to it before they can be taken; reading ends if the disk is full.
+    From `begin` on, the thread keeps up to `ROOM` bytes until they are taken. Bytes beyond that are dropped and counted
+    as `lost`. With a `journal`, blocks are written to it before they can be taken; reading ends if the disk is full.
     """
 
     def __init__(self, camera: Camera, seconds: float | None, stop: Event) -> None:

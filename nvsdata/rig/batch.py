@@ -37,7 +37,7 @@ from nvsdata.rig.take import HIDDEN, VideoRecorder, ends_all
 from nvsdata.rig.watch import Watch, prune
 from nvsdata.video.decoder import length_of
 
-TAKES = 3  # takes of a video before it counts as failed
+TAKES = 3  # takes (attempts to record a video) after which the video counts as failed
 LISTED = 50  # videos whose length is read; the others are assumed to be alike
 OVERHEAD = 2_000_000  # µs per take for starting, trimming and checking
 USUAL = 2_000_000  # bytes per second of video if there are no recordings yet: 250,000 events/s
@@ -52,8 +52,8 @@ class BatchOptions:
 
     Args:
         format: Format of the recordings.
-        limit: Record the first videos only (default: all).
-        resume: Continue a batch.
+        limit: Number of videos to record, the first ones in order of path (default: all).
+        resume: Continue a batch that was interrupted.
         calibration: Folder of a calibration, which has the corners of the screen (default: the corners are those of
             most recordings).
         strict: Reject flagged recordings; see `content.Inspector`.

@@ -24,8 +24,8 @@ MAINS = (100.0, 120.0)  # Hz at which lamps on mains flicker
 def calibrate(camera: Camera, monitor: Monitor, settings: CameraSettings, seconds: float | None) -> ScreenCalibration:
     """Show a target, then flashes and a still screen, and measure the screen from the camera's events.
 
-    Events are shown in a window all the time. The target is shown until Enter is pressed, or for `seconds`, unless they
-    are None.
+    Events are shown in a window all the time. The target is shown until Enter is pressed, at most for `seconds` (None:
+    no limit).
 
     Raises:
         NoSync: The camera doesn't see the screen.

@@ -156,7 +156,7 @@ def rectangles(corners: np.ndarray, size: tuple[int, int]) -> tuple[Rectangle, R
 def _rectangle(
     first: tuple[float, float], last: tuple[float, float], size: tuple[int, int], low: Round, high: Round
 ) -> Rectangle:
-    """Return (x, y, width, height) of the pixels from `first` to `last` within the sensor; `low` and `high` round."""
+    """Return (x, y, width, height) from `first`, rounded by `low`, to `last`, rounded by `high`, within the sensor."""
     sides = []
     for a, b, limit in zip(first, last, size, strict=True):
         begin = min(max(int(low(a)), 0), limit - 1)

@@ -14,13 +14,13 @@ BIN = 1_000  # µs of the coarse search
 PLACES = 4  # candidates for the position of the pattern that are examined
 SMEAR = 5  # bins over which the events of a flash spread
 LONGEST = 25_000  # µs that the events of a flash last: a screen changes line by line, and the readout is limited
-ONSET = 0.05  # fraction of a flash's events after which it counts as begun
+ONSET = 0.05  # fraction of the events of a flash after which the flash counts as begun
 NEAR = 12_000  # µs by which a flash may differ from its expected time: less than a frame at 60 Hz
 GROUP = 3e6  # µs; longest duration of a group of flashes
 MOST_DRIFT = 500e-6  # largest drift of the camera's clock relative to the host's
 A_REFRESH = 34_000  # µs by which the slowest screens may show a frame late
 LEAST = 0.6  # fraction of the flashes that must be found
-LOOSE = 400.0  # µs by which a flash may always be off the fit
+LOOSE = 400.0  # µs; a flash this close to the fit always agrees with it
 
 
 class NoSync(ValueError):
@@ -249,7 +249,7 @@ def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[flo
 
 
 def _agreeing(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> np.ndarray:
-    """Return the mask of the flashes near one line, of all lines through two flashes that with most flashes nearby.
+    """Return the mask of the flashes near a line: of all lines through two flashes, the one with most flashes nearby.
 
     ON and OFF may have different delays.
     """

@@ -41,7 +41,7 @@ class Content:
         emulated: Events that PIX2NVS emulates for the video in the same view.
         scale: Recorded events per emulated event, median over time; None for a quiet video.
         gap: Longest time in ms without events in which the video moves.
-        hidden: Fraction of the video's motion, by place, without events.
+        hidden: Fraction of the video's motion that is in parts of the sensor without events.
         stray: Fraction of the recorded events that the video's motion doesn't explain.
         noise: Event rate in Hz per pixel while the first frame is still.
         cover: Fraction of the sensor that sees the screen.
@@ -202,8 +202,8 @@ class Inspector:
 
 
 class _Noise(NamedTuple):
-    counts: np.ndarray  # expected events per bin, [cells]
-    hertz: float  # per pixel
+    counts: np.ndarray  # expected noise events per bin, [cells]
+    hertz: float  # noise events per second and pixel
 
 
 def _noise(span: Span, size: tuple[int, int]) -> _Noise:
@@ -234,7 +234,7 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
     second = min(MICROSECONDS // BIN, len(due))
     busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()
     if busiest < FEWEST * min(seconds, 1.0):
-        # the video should cause hardly any events, so all events count as stray
+        # the video should cause hardly any events, so events beyond noise count as stray
         return None, 0.0, 0.0, _stray(found, np.zeros_like(due), noise)
     in_time, found_in_time = due.sum(1), found.sum(1) - noise.sum()
     busy = in_time >= 0.25 * in_time.max()

@@ -22,7 +22,7 @@ SAME = 0.01  # fraction by which a measured refresh may differ from that of the 
 # fractions of a refresh by which a flip may be off: at the stated refresh rate, and at any other
 EVEN, VERY_EVEN = 0.05, 0.01
 MOST = 0.95  # fraction of the flips that must be within that limit
-FASTEST = 1e6 / 500  # µs: a shorter time isn't a refresh
+FASTEST = 1e6 / 500  # µs; a shorter time between flips isn't a refresh
 NAP = 0.02  # s between checks of the keyboard
 
 

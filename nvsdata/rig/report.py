@@ -99,7 +99,8 @@ FIGURES = (
         "hidden",
         lambda line: line["content"]["hidden"],
         ".0%",
-        "Fraction of the video's motion, by place, without events: something may be in front of the screen. "
+        "Fraction of the video's motion that is in parts of the sensor without events: something may be in front of "
+        "the screen. "
         f"Flagged above {content.MOST_HIDDEN:.0%}.",
     ),
     Figure(

@@ -25,7 +25,7 @@ from nvsdata.rig.status import STATUS, status_of
 from nvsdata.rig.verification import recorded_format, verify
 from nvsdata.rig.watch import BatchStopped
 
-GAVE_UP = 3  # exit code
+GAVE_UP = 3  # exit code of a batch that was aborted
 WINDOW = (640, 480)  # pixels of the monitor's window for a simulated camera
 
 

@@ -100,7 +100,7 @@ def _iso(moment: float) -> str:
 
 
 def status_of(out: Path) -> tuple[str, bool]:
-    """Return the status of the batch that records to a folder as text, and True if it is running or ended well.
+    """Return the status of the batch that records to a folder as text, and True if it is running or ended successfully.
 
     Raises:
         FileNotFoundError: No batch has recorded there.

@@ -21,7 +21,7 @@ STRAY = 0.1  # allowed triggers without a flash, as a fraction of the flashes
 
 
 class TakeRejected(Exception):
-    """A take must be repeated; the message has the reason."""
+    """A take (an attempt to record a video) must be repeated; the message has the reason."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Recording of one video while it plays, and its checks and trimming."""
+"""A take: recording of one video while it plays, and checks and trimming of the recording."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HIDDEN = ".takes"  # subfolder of the recordings' folder: takes that aren't trim
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
 FULL = 10e6  # events/s above which the readout counts as full in a bin
-MOST_FULL = 0.01  # fraction of full bins
+MOST_FULL = 0.01  # largest fraction of bins with a full readout
 # ms for which a screen may show a wrong frame, and the same as a fraction of a longer video
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 # faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`

@@ -123,7 +123,7 @@ def _run(command: str, environment: dict[str, str]) -> int:
 
 
 def prune(takes: Path) -> None:
-    """Remove all but the newest failed takes of a folder."""
+    """Remove all but the `KEPT` newest failed takes of a folder."""
     files = sorted((path for path in takes.rglob("*") if path.is_file()), key=lambda path: path.stat().st_mtime)
     for path in files[:-KEPT]:
         path.unlink()

@@ -46,7 +46,7 @@ def test_thresholds_and_darkness_are_found_again(on, off, dark, least, most):
     assert found.correlation > 0.9
     assert found.settings.upsample == "flow"
     assert (found.settings.leak, found.settings.noise_rate) == (0, 0)
-    assert found.unidentified == {"refractory": "pixels don't fire again soon enough to reach it"}
+    assert found.unidentified == {"refractory": "pixels don't fire again soon enough to reach this period"}
     ours = found.settings.emulate(frames)
     for p in (0, 1):
         assert abs((ours.p == p).sum() / (events.p == p).sum() - 1) < 0.02

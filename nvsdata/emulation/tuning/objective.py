@@ -98,7 +98,7 @@ class TuningPair:
         last = len(self.frames) - 1 - math.ceil(share * (len(self.frames) - 1))
         if not 0 < last < len(self.frames) - 1:
             raise ValueError(
-                f"{len(self.frames)} frames can't be split with {share:.0%} in the second part: take another fraction"
+                f"{len(self.frames)} frames can't be split with {share:.0%} in the second part: choose another fraction"
             )
         return self._part(0, last), self._part(last, len(self.frames) - 1)
 

@@ -21,9 +21,8 @@ from nvsdata.metrics.distance import score
 
 BATCH = 4  # trials that are proposed together; fixed, so that the search doesn't depend on the number of jobs
 ANYWHERE = 1  # trials of each batch sampled anywhere, so that the search can leave a local minimum
-RESAMPLED = (
-    1  # trials of each batch with one setting sampled anywhere, because a small sphere has only one value of a choice
-)
+# trials of each batch with one setting sampled anywhere, because a small sphere has only one value of a choice
+RESAMPLED = 1
 FIRST = 16  # trials sampled anywhere before the search narrows
 SHRINK = 0.85  # factor of the radius after a batch that found nothing better
 LEAST_RADIUS = 0.02

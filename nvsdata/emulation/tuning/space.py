@@ -103,7 +103,7 @@ SENSOR_SPACE: Space = {
 
 
 def space_of(emulator: Any) -> Space:
-    """Return the default space of a built-in emulator; ValueError for another one."""
+    """Return the default space of a built-in emulator; raise ValueError for another emulator."""
     if isinstance(emulator, DVSSettings):
         return SENSOR_SPACE
     if isinstance(emulator, PIX2NVSSettings):

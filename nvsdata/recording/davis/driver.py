@@ -48,7 +48,7 @@ UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", M
 
 
 class Davis:
-    """Open DAVIS camera. `find` opens one; use it in a `with` block, or `close` it.
+    """DAVIS camera that is open. `find` opens one; use it in a `with` block, or `close` it.
 
     Call `configure`, then `start` and `stop` any number of times. Between them, `read` returns the bytes of the stream,
     which a `decoder()` decodes. Methods raise `CameraError`, or `Unplugged` if the camera was disconnected.
@@ -104,7 +104,7 @@ class Davis:
         )
 
     def _claim(self) -> None:
-        # done before reading the serial number, because pyusb doesn't distinguish the errors of the latter
+        # the serial number is read last, because pyusb doesn't distinguish the errors of that
         if not self._configured():
             self.device.set_configuration(1)
         usb.util.claim_interface(self.device, 0)

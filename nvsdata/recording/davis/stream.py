@@ -53,7 +53,7 @@ class Specials(NamedTuple):
         word: Number of the word with which each was sent, counted from the start of the stream.
         t: Time (µs).
         kind: Type, a key of `SPECIALS`.
-        before: Number of the events that `feed` returned and that precede each.
+        before: Number of events in the result of the same `feed` that precede each.
     """
 
     word: np.ndarray

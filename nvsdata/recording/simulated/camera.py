@@ -86,7 +86,7 @@ class SimulatedDavis:
         unplugged: True while the camera is disconnected.
         refusal: Errno with which the camera refuses every request, None if it doesn't.
         stalled: True while the camera sends nothing.
-        lossy: Probability that the events of a step are dropped, and counted as dropped (default 0).
+        lossy: Probability that the events of a simulated time slice are dropped, and counted as dropped (default 0).
         room: Bytes that may wait to be read; events beyond that are dropped, as by a real camera. With None, the
             default, all events are sent as fast as they are read, so that a busy computer loses nothing.
     """
@@ -110,7 +110,7 @@ class SimulatedDavis:
         self._asked = False
         self._random = np.random.default_rng(0)
         self._fifo = bytearray()
-        self._began: int | None = None  # host time at which its clock was reset
+        self._began: int | None = None  # host time at which the camera's clock was reset
         self._time = 0  # µs up to which the scene has been simulated
         self._state = np.array([0, 0, -1], np.int64)
         self._sampled = self._framed = 0
@@ -150,7 +150,7 @@ class SimulatedDavis:
             pass
         self.registers[module, parameter] = number
         if (module, parameter) == (MUX, 2) and number:
-            # a real camera's memory contains hardly any older words
+            # a real camera's memory contains hardly any words from before a reset
             self._fifo.clear()
             self._fifo += RESET_WORD.to_bytes(2, "little")
             self._begin()
@@ -179,7 +179,7 @@ class SimulatedDavis:
         return int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
 
     def _see(self, now: int, least: int = 1) -> bool:
-        """Put the events since the last call, up to `now` (µs), into the FIFO, if that is `least` µs or more.
+        """Put the events since the last call, up to `now` (µs), into the FIFO, if that time is at least `least` µs.
 
         Without a limit (`room`), a call adds at most `SLICE` µs. Return True if events are left for the next call.
         """

@@ -23,7 +23,7 @@ class Simulation:
         drift: Error of the camera's clock in ppm (default 0).
         noise: Noise events in Hz per pixel (default 0.5).
         late: Fraction of the images that the screen shows a refresh later than the log states (default 0).
-        lossy: Probability that the camera drops the events of a step (default 0).
+        lossy: Probability that the camera drops the events of a simulated time slice (default 0).
         wired: 1 for a photodiode at the camera's external input (default 0).
         unplugged: Time in s after the first use at which the camera is disconnected for two seconds (default 0: never).
         stalled: Time in s after the first use at which the camera stops sending, until it is opened again (default 0:

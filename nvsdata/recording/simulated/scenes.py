@@ -74,12 +74,12 @@ class Watched:
     Args:
         pixels: The sensor's settings.
         corners: Places (x, y) of the screen's corners on the sensor.
-        scan: µs in which the screen changes from top to bottom (default 12,000).
+        scan: Time in µs in which the screen changes from top to bottom (default 12,000).
         late: Fraction of the images that appear a refresh later than `show` states (default 0).
         wired: A photodiode in the screen's upper left corner sends a pulse to the external input when that corner turns
             bright (default False).
         seed: Seed of the choice of late images (default 0).
-        lag: µs after which events are known (default 80,000).
+        lag: Time in µs after which events are known (default 80,000).
     """
 
     pixels: PIX2NVS = PIXELS

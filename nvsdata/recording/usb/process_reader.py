@@ -143,5 +143,5 @@ def _send(blocks: Connection, waiting: SimpleQueue[bytes | None]) -> None:
         while (block := waiting.get()) is not None:
             blocks.send_bytes(block)
     except OSError:
-        # the other end is closed
+        # the other end of the pipe is closed
         return
