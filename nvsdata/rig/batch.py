@@ -187,7 +187,7 @@ def _record(run: FolderRun, rig: Rig, options: BatchOptions, status: Status) -> 
                 watch.succeeded()
                 given_up.clear()
             run.add(line | {"takes": takes[video.name]})
-            now = {"look": status.look + ("look" in line)}
+            now = {"flagged": status.flagged + ("review" in line)}
             if "reason" in line:
                 status.set(failed=status.failed + 1, **now)
             else:
@@ -226,8 +226,8 @@ def _check_disk(run: FolderRun, rig: Rig, *, until_full: bool) -> None:
 
 def _status_of(run: FolderRun) -> Status:
     """Return the status of a batch at the start of a run, including the recordings of earlier runs."""
-    look = sum("look" in run.manifest.videos[video.name] for video in run.kept)
-    return Status(run.manifest.path.parent, len(run.videos), done=len(run.kept), look=look)
+    flagged = sum("review" in run.manifest.videos[video.name] for video in run.kept)
+    return Status(run.manifest.path.parent, len(run.videos), done=len(run.kept), flagged=flagged)
 
 
 @contextmanager

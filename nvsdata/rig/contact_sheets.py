@@ -63,7 +63,7 @@ class Sheets:
     def _draw_flagged(self) -> None:
         path, lines = self.out / "contact-sheet-000.png", self.manifest.videos
         videos = [video for page in self._pages for video in page]
-        flagged = [(video, lines[video.name]) for video in videos if lines.get(video.name, {}).get("look")]
+        flagged = [(video, lines[video.name]) for video in videos if lines.get(video.name, {}).get("review")]
         if flagged:
             save_png(_page(flagged[: COLUMNS * ROWS]), path)
         else:

@@ -118,7 +118,7 @@ class Inspector:
         doubts = self.doubts(found)
         if self.strict and doubts:
             raise TakeRejected("; ".join(doubts))
-        return {"content": found.as_dict()} | ({"look": doubts} if doubts else {})
+        return {"content": found.as_dict()} | ({"review": doubts} if doubts else {})
 
     def measure(self, span: Span, video: Path) -> Content:
         """Measure the quality of a take of a video."""

@@ -178,8 +178,8 @@ def report_page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[s
     """Return the page as HTML, with links to the contact sheets."""
     done = [line for line in lines if line["status"] in ("recorded", "truncated")]
     again = [line for line in lines if line["status"] != "recorded"]
-    flagged = [line for line in lines if line["status"] == "recorded" and line.get("look")]
-    fine = [line for line in lines if line["status"] == "recorded" and not line.get("look")]
+    flagged = [line for line in lines if line["status"] == "recorded" and line.get("review")]
+    fine = [line for line in lines if line["status"] == "recorded" and not line.get("review")]
     seconds = sum(_number(lambda line: line["duration"], line) or 0 for line in done)
     events = sum(_number(lambda line: line["events"], line) or 0 for line in done)
     refresh = _number(lambda head: head["monitor"]["refresh"], head)
@@ -223,8 +223,8 @@ def _table(lines: Sequence[Line]) -> str:
     rows = [f"<th>video</th><th>status</th><th>why</th>{names}"]
     for line in lines:
         row = "".join(f"<td>{as_html(line[key])}</td>" for key in ("video", "status"))
-        look = line.get("look") or []
-        words = "; ".join(map(str, [*([line["reason"]] if "reason" in line else []), *look]))
+        review = line.get("review") or []
+        words = "; ".join(map(str, [*([line["reason"]] if "reason" in line else []), *review]))
         row += f'<td class="w">{as_html(words)}</td>'
         for figure in columns:
             value = _number(figure.value, line)

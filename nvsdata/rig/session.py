@@ -92,14 +92,14 @@ def run_batch(
                     write_batch_report(list(manifest.videos.values()), manifest.head, out)
     for message in result.messages():
         print(message, file=sys.stderr)
-    flagged = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
+    flagged = {name: line["review"] for name, line in manifest.videos.items() if line.get("review")}
     for name, doubts in flagged.items():
         say(shown(f"{name}: needs review: {'; '.join(doubts)}"))
     text = f"figures, and recordings that need review, are in {shown(out / REPORT)}\n"
     text += f"{result.done:,} recorded, {result.kept:,} already existed, {len(result.failed):,} failed; "
     events = result.events + result.kept_events
     text += f"{result.done + result.kept:,} of {len(videos):,} videos, with {events:,} events, are in {shown(out)}"
-    tell(text, asdict(result) | {"look": flagged, "out": out}, as_json=as_json)
+    tell(text, asdict(result) | {"review": flagged, "out": out}, as_json=as_json)
     return 1 if result.failed else 0
 
 

@@ -34,7 +34,7 @@ class Status:
         video: Name of the video that is played.
         done: Number of recorded videos, in this run and earlier ones.
         failed: Number of videos that failed, in this run and earlier ones.
-        look: Number of recordings that are flagged for review.
+        flagged: Number of recordings that are flagged for review.
         in_a_row: Number of takes that failed in a row.
         recent: Reasons of the last failures of videos that have no good take yet, by video, newest first.
     """
@@ -46,7 +46,7 @@ class Status:
     video: str | None = None
     done: int = 0
     failed: int = 0
-    look: int = 0
+    flagged: int = 0
     in_a_row: int = 0
     recent: dict[str, str] = field(default_factory=dict)
     _began: float = field(default_factory=time.time)
@@ -136,7 +136,7 @@ def _headline(status: dict[str, Any]) -> str:
 
 def _counts(status: dict[str, Any]) -> list[str]:
     counts = f"{status['done']:,} of {status['total']:,} recorded, {status['failed']:,} failed"
-    lines = [counts + (f", {status['look']:,} to review" if status["look"] else "")]
+    lines = [counts + (f", {status['flagged']:,} to review" if status["flagged"] else "")]
     going = status["state"] not in ENDED
     if status["seconds_left"] is not None and going:
         hours, minutes = divmod(status["seconds_left"] // 60, 60)

@@ -104,7 +104,7 @@ class VideoRecorder:
         Return False if that fails, or if there is no such video.
         """
         fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
-        fine = [video for video in fine if "look" not in lines[video.name] and video.path.exists()]
+        fine = [video for video in fine if "review" not in lines[video.name] and video.path.exists()]
         if not fine:
             return False
         video = min(fine, key=lambda video: lines[video.name]["duration"])
@@ -192,7 +192,7 @@ def trim(take: ScreenRecording, video: Video, inspector: Inspector) -> dict[str,
         "wrong": round(done.wrong, 1),
         "dropped": done.dropped if done.dropped is not None else report.dropped,
         "dropped_in_all": report.dropped,
-        "odd": {name: count for name, count in report.error_counts.items() if count},
+        "errors": {name: count for name, count in report.error_counts.items() if count},
         "temperature": report.temperature,
     } | content
 

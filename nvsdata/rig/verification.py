@@ -109,8 +109,8 @@ def verify(videos: list[Video], out: Path, limit: int | None = None) -> Verifica
 
 def _set_status(found: Verification, lines: dict[str, dict[str, Any]], out: Path) -> None:
     missing = [name for name in found.faults if name not in lines]
-    look = sum("look" in line for line in lines.values() if line["status"] in DONE)
-    status = Status(out, found.videos, done=found.sound, failed=len(found.faults) - len(missing), look=look)
+    flagged = sum("review" in line for line in lines.values() if line["status"] in DONE)
+    status = Status(out, found.videos, done=found.sound, failed=len(found.faults) - len(missing), flagged=flagged)
     reason = found.what_is_foreign if found.foreign else None
     status.set(state="verified", reason=reason, recent=dict(list(found.faults.items())[:RECENT]))
 

@@ -83,7 +83,7 @@ def root(tmp_path, monkeypatch):
     kept = tmp_path / f"kept{BAD}"
     (kept / "n-mnist").mkdir(parents=True)
     (kept / CACHE_TAG).write_bytes(CACHE_CONTENT)
-    status = {"state": "done", "began": BAD, "updated": BAD, "done": 1, "total": 2, "failed": 1, "look": 0}
+    status = {"state": "done", "began": BAD, "updated": BAD, "done": 1, "total": 2, "failed": 1, "flagged": 0}
     status |= {"seconds_left": None, "disk_free": 1, "video": BAD, "recent": [BAD]}
     (root / "status.json").write_text(json.dumps(status))
     return root
@@ -181,7 +181,7 @@ def test_every_page_shows_names_as_text(root):
     harmless(bench_page([line]))
     grown = [Measurement(TAG, "work", "nvsdata", "", n, n, n, 1, size={TAG: n}, axis=TAG) for n in (1, 2, 4)]
     harmless(bench_page(grown))
-    recorded = {"video": TAG, "status": TAG, "reason": TAG, "look": [TAG]}
+    recorded = {"video": TAG, "status": TAG, "reason": TAG, "review": [TAG]}
     harmless(report_page([recorded], {}, TAG, TAG))
 
 

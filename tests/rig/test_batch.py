@@ -90,7 +90,7 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
         assert events.t[0] >= 0
         assert events.t[-1] < line["duration"]
         assert line["duration"] == pytest.approx(400_000 * (1 + 100e-6), abs=20)
-        assert (line["dropped"], line["odd"], line["temperature"]) == (0, {}, 25.0)
+        assert (line["dropped"], line["errors"], line["temperature"]) == (0, {}, 25.0)
         assert line["camera"] == "SIM00001"
         # a disc moves from left to right
         discs = [np.mean(events.x[(events.t >= a) & (events.t < a + 100_000)]) for a in (0, 300_000)]

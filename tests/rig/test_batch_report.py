@@ -36,7 +36,7 @@ def words(page):
 def test_what_is_to_be_done_comes_first():
     lines = [
         line("fine<1>.avi"),
-        line("odd.avi", look=["a hand & more"]),
+        line("odd.avi", review=["a hand & more"]),
         line("cut.avi", "truncated", reason="cut off"),
         line("lost.avi", "failed", reason="no flashes"),
     ]
@@ -124,7 +124,7 @@ def test_nothing_of_a_manifest_is_believed_to_be_a_number_or_harmless(strange):
     """A manifest from somewhere else, as `--verify` may read it."""
     lines = [
         line("<i>a", "<u>x", reason=strange, events=strange, takes=strange, note=strange),
-        line("b", look=[strange], duration=strange, sync=strange, content=strange),
+        line("b", review=[strange], duration=strange, sync=strange, content=strange),
     ]
     page = report.report_page(lines, {"monitor": {"refresh": strange}}, "<s>", ["<p>.png"])
     for tag in ("<i>", "<u>", "<b>", "<s>", 'href="<'):

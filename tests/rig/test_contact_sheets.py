@@ -47,7 +47,7 @@ def test_a_sheet_is_drawn_when_its_last_video_is_done_or_at_the_end(tmp_path, mo
     lines = {}
     with Sheets(tmp_path, videos, SimpleNamespace(videos=lines)) as sheets:
         for n in (4, 5, 6, 7, 0, 8):
-            lines[f"{n}.avi"] = {"n": n} | ({"look": ["a hand"]} if n in (5, 8) else {})
+            lines[f"{n}.avi"] = {"n": n} | ({"review": ["a hand"]} if n in (5, 8) else {})
             sheets.add(videos[n])
             assert drawn == ([] if n in (4, 5, 6) else [("contact-sheet-002.png", [4, 5, 6, 7])])
     assert drawn[1:] == [

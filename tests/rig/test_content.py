@@ -163,7 +163,7 @@ def test_still_and_blank_videos_are_quiet_and_right(lab_of_one, tmp_path, kind):
     inspector = Inspector(lab_of_one.monitor, strict=True)
     result = inspector.judged(span, video, 420)
     assert result["content"]["scale"] is None
-    assert "look" not in result
+    assert "review" not in result
     # unless something else happens before the camera
     rng, count = np.random.default_rng(0), 200_000
     t = np.sort(rng.integers(span.start, span.stop, count))
@@ -178,7 +178,7 @@ def test_strict_refuses_and_a_moving_video_needs_events(lab_of_one, video, right
     take_ = ScreenRecording(tmp_path / "a.h5", span.take.report, span.take.performance)
     odd = span._replace(take=take_, recording=nvsdata.open(tmp_path / "a.h5"))
     lenient, strict = Inspector(lab_of_one.monitor), Inspector(lab_of_one.monitor, strict=True)
-    assert len(lenient.judged(odd, video, 10**6)["look"]) >= 1
+    assert len(lenient.judged(odd, video, 10**6)["review"]) >= 1
     with pytest.raises(TakeRejected, match="something is in front of the screen"):
         strict.judged(odd, video, 10**6)
     # two seconds

@@ -90,7 +90,7 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
     def judged(span, given, events):
         assert (span.take, span.line, span.start, span.stop) == (one, line, 2_500, 31_000)
         assert (given, events) == (video, 2)
-        return {"content": {"gap": 0.0}, "look": ["odd"]}
+        return {"content": {"gap": 0.0}, "review": ["odd"]}
 
     result = trim(one, Video("a.avi", video, tmp_path / "deep/out/a.h5"), SimpleNamespace(judged=judged))
     assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
@@ -109,10 +109,10 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
         "wrong": 0.0,
         "dropped": 0,
         "dropped_in_all": 7,
-        "odd": {"a": 2},
+        "errors": {"a": 2},
         "temperature": 20.5,
         "content": {"gap": 0.0},
-        "look": ["odd"],
+        "review": ["odd"],
     }
 
 

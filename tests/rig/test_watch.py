@@ -117,7 +117,7 @@ def test_the_newest_failed_takes_are_kept(tmp_path, monkeypatch):
 
 
 def test_how_a_batch_is_going(lab, capsys):
-    lab.status.set(done=3, failed=1, look=2, video="x.avi")
+    lab.status.set(done=3, failed=1, flagged=2, video="x.avi")
     lab.status._began -= 4 * 3_600
     lab.status.failure("y.avi", "too dark")
     with locked(lab.out):

@@ -257,7 +257,8 @@ struct Alternatives {
 
     static bool call(const char* name, PyObject* const* given, PyObject*& result) {
         View views[arguments + 1];
-        return Bound<first>::call(name, given, views, result) || (Bound<others>::call(name, given, views, result) || ...);
+        return Bound<first>::call(name, given, views, result) ||
+               (Bound<others>::call(name, given, views, result) || ...);
     }
     // Fault of the function that accepts most of the arguments, which is probably the intended one.
     static Mismatch first_mismatch(PyObject* const* given) {

@@ -1,7 +1,7 @@
 // Pooled graphs that are updated when the graph below changes: the clusters of `kernels.graph.pool`.
 //
 // A cluster is a cell of a grid, whose number is that of its node. Sums of positions and numbers of edges are integers,
-// so that members and edges can be removed exactly. A step marks the nodes and edges that it touches; then `settle`
+// so that members and edges can be removed exactly. A step marks the nodes and edges that it touches; then `collect_changes`
 // finds those that differ from before.
 #pragma once
 
@@ -35,7 +35,7 @@ public:
     i64 offsets;       // number of cells around a cell in which the source of an edge may be
     Column<i64> members;       // number of nodes below
     Column<Place> place, was;  // places of the nodes now (undefined without members), and before they `moved`
-    Column<u8> alive;          // whether there was a node when the last step settled
+    Column<u8> alive;          // whether there was a node when the last step had collected its changes
     Table<u8> edge;            // by target and offset
     Column<i64> home;          // the cell in the graph above, or -1
     Column<i64> head, after;   // the first member of a cell, and by number of the node below, the next member, or -1
@@ -113,7 +113,7 @@ public:
     }
 
     // Find the nodes that moved, arrived or left, and the edges that are new or removed. O(touched nodes and edges).
-    void settle() {
+    void collect_changes() {
         for (i64 cell : touched_.numbers()) {
             was[cell] = place[cell];
             bool exists = members[cell] > 0, same = exists == bool(alive[cell]);
@@ -134,8 +134,8 @@ public:
         counted_.clear();
     }
 
-    // Propagate the changes of this settled graph to the graph above, and settle that one.
-    void lift(Cells& above) {
+    // Propagate the changes of this graph to the graph above, and collect the changes there.
+    void propagate(Cells& above) {
         for (i64 number : turned.numbers()) {
             i64 target = number / offsets, offset = number % offsets, source = neighbor(target, offset);
             if (home[target] >= 0 && home[source] >= 0)
@@ -156,11 +156,11 @@ public:
                 above.rescan.mark(now);
             }
         }
-        above.settle();
+        above.collect_changes();
     }
 
     // Clear the marks of changes, once all layers are up to date.
-    void rest() {
+    void clear_marks() {
         for (i64 cell : moved.numbers()) alive[cell] = members[cell] > 0;
         moved.clear();
         turned.clear();

@@ -103,7 +103,7 @@ private:
         graph_.slide(std::max(until, origin_) - origin_, Span<const i64>(t), events.x, events.y, interrupt);
         Cells* cells = &graph_.cells;
         for (Cells& above : pooled_) {
-            cells->lift(above);
+            cells->propagate(above);
             cells = &above;
         }
         update_events(interrupt);
@@ -120,8 +120,8 @@ private:
             poolings_[n + 1].update(above, layers_[n].out, features_[n + 1], interrupt);
         }
         readout_.update(graph(), features_.back());
-        graph_.cells.rest();
-        for (Cells& pooled : pooled_) pooled.rest();
+        graph_.cells.clear_marks();
+        for (Cells& pooled : pooled_) pooled.clear_marks();
     }
 
     void update_events(Interrupt& interrupt) {

@@ -47,7 +47,7 @@ public:
                 arrive(window.next - 1);
             }
         }
-        cells.settle();
+        cells.collect_changes();
     }
 
     void grow(i64 capacity) {

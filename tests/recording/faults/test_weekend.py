@@ -175,7 +175,7 @@ def judged(folder, kinds):
         last = good[-1]
         wrong += [f"{name}: {last}"] * (not last["same"] or abs(last["start"]) > 1_000 or abs(last["drift"]) > 10)
         wrong += [f"{name}: truncated?"] * ((line["status"] == "truncated") != (kind == "cut"))
-        doubts = "; ".join(line.get("look", []))
+        doubts = "; ".join(line.get("review", []))
         if looked is None:
             wrong += [f"{name}: looks odd: {doubts}"] * bool(doubts)
         else:
