@@ -196,3 +196,13 @@ def test_rectangles_may_lie_anywhere():
     for left, width in ((-9, 12), (2, 3), (-(2**40), 2**41), (2**40, 5), (-(2**40), 5), (0, 0), (3, -1)):
         expected = (x >= left) & (x < left + width) & (y >= 1) & (y < 3)
         np.testing.assert_array_equal(filters.in_rectangle(x, y, left, 1, width, 2), expected)
+
+
+@pytest.mark.parametrize("shape", [(32_770, 2), (2, 32_770)])
+def test_neighbors_are_searched_on_sensors_that_int16_can_address_alone(shape):
+    none = np.zeros(0, np.int64), np.zeros(0, np.int16), np.zeros(0, np.int16)
+    assert filters.supported_by_neighbors(*none, shape, 9).size == 0
+    # a padded sensor has at least one pixel and a border
+    for wrong in (tuple(side + (side > 2) for side in shape), tuple(side - (side == 2) for side in shape)):
+        with pytest.raises(ValueError, match="shapes"):
+            filters.supported_by_neighbors(*none, wrong, 9)
