@@ -294,7 +294,7 @@ def test_a_transform_of_ones_own_that_bears_a_registered_name_is_not_saved(tmp_p
     Window = make_dataclass(
         "Window", [("start", int), ("stop", int)], namespace={"__call__": lambda self, x: x}, frozen=True
     )
-    with pytest.raises(ValueError, match="or another has its name"):
+    with pytest.raises(ValueError, match="or another transform has its name"):
         models.save(models.rgcnn("n-mnist"), tmp_path / "a.safetensors", transform=T.Compose([Window(0, 5)]))
 
 

@@ -1,9 +1,9 @@
 """Networks.
 
-`rgcnn(name)` and `gcnn(name)` build the thesis's configurations for single graphs (section 4.4.2) by dataset name,
-`rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1). `reference` has the networks with which they are
-compared, `NETWORKS` has all networks by name. `save` and `load` store and read trained networks, `fused` speeds up
-inference, `complexity` counts operations and weights.
+`rgcnn(name)` and `gcnn(name)` build the thesis's networks for single graphs (thesis, section 4.4.2), configured for the
+dataset `name`. `rgcnn3d(name, temporal)` builds those for sequences of graphs (section 5.3.1). `reference` contains the
+baselines, and `NETWORKS` all networks by name. `save` and `load` write and read trained networks, `fused` speeds up
+inference, and `complexity` counts operations and weights.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ __all__ = [
     "stream",
 ]
 
-# for 34x34: the thesis's, with 3 convolutions, and deeper ones, which have two at one resolution
+# networks for 34x34 pixels by number of convolutions: 3 as in the thesis; 4 and 5 have two convolutions at a resolution
 SMALL_DEPTHS: dict[int, dict[str, Any]] = {
     3: {"channels": (32, 64, 128), "clusters": ((2, 2), (4, 4), (7, 7))},
     4: {"channels": (32, 64, 64, 128), "clusters": ((2, 2), (2, 2), (4, 4), (7, 7))},
@@ -82,7 +82,7 @@ CONFIGURATIONS: dict[str, dict[str, Any]] = {
 }
 
 
-# Table 4.4, for 240x180 and FC(1024)
+# networks for 240x180 pixels with FC(1024) by number of convolutions (thesis, Table 4.4)
 DEPTHS: dict[int, dict[str, Any]] = {
     2: {"channels": (128, 256), "clusters": ((16, 12), (60, 45))},
     3: {"channels": (64, 128, 256), "clusters": ((8, 6), (16, 12), (60, 45))},
@@ -91,7 +91,7 @@ DEPTHS: dict[int, dict[str, Any]] = {
     6: {"channels": (64, 128, 256, 512, 512, 512), "clusters": ((2, 2), (4, 3), (8, 6), (16, 12), (30, 23), (60, 45))},
 }
 
-# section 5.3.1
+# networks for sequences of graphs (thesis, section 5.3.1)
 _ACTIONS240: dict[str, Any] = {
     "sensor_size": (240, 180),
     "channels": (32, 64, 128),
@@ -140,8 +140,8 @@ def rgcnn(name: str, num_classes: int | None = None, *, pooling: Pooling = "max"
 
     Args:
         name: "n-mnist", "mnist-dvs", "cifar10-dvs", "n-cars", "n-caltech101" or "asl-dvs".
-        num_classes: Number of scores, for other data of the same sensor (default None: the dataset's number of
-            classes).
+        num_classes: Number of scores (default None: the dataset's number of classes). Another number is for other data
+            of the same sensor.
         pooling: "max" (default) or "average" of the features of a cluster.
 
     Returns:
@@ -163,8 +163,8 @@ def gcnn(name: str, num_classes: int | None = None, *, convolution: str = "splin
 
     Args:
         name: "n-mnist", "mnist-dvs", "cifar10-dvs", "n-cars", "n-caltech101" or "asl-dvs".
-        num_classes: Number of scores, for other data of the same sensor (default None: the dataset's number of
-            classes).
+        num_classes: Number of scores (default None: the dataset's number of classes). Another number is for other data
+            of the same sensor.
         convolution: "spline" (default), "gcn", "cheb", "monet" or "gin"; see `GCNN`.
         pooling: "max" (default) or "average" of the features of a cluster.
 

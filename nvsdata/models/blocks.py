@@ -26,5 +26,5 @@ class Residual(nn.Module):
         self.body, self.shortcut = body, shortcut or nn.Identity()
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Return the activated sum: [B, in, ...] to [B, out, ...]."""
+        """Return relu(body(x) + shortcut(x)): [B, in, ...] to [B, out, ...]."""
         return torch.relu(self.body(x) + self.shortcut(x))

@@ -45,8 +45,8 @@ def save(
 ) -> Path:
     """Write a network with its classes, transform and metrics into one file.
 
-    The file contains only the name and the weights of a convolution of your own (see `RGCNN`). Pass the class to
-    `load`.
+    Of a convolution of your own (see `RGCNN`), the file contains the name and the weights, but no code. Pass its class
+    or function to `load`.
 
     Args:
         model: A registered network (`register_network`), such as those of `nvsdata.models`.
@@ -61,8 +61,8 @@ def save(
         The path of the file.
 
     Raises:
-        ValueError: For a network that isn't registered or is fused, a transform that isn't registered or that its repr
-            doesn't rebuild, and a convolution without a name (a lambda).
+        ValueError: For a network that isn't registered or is fused, for a transform that isn't registered or can't be
+            built from its repr, and for a convolution without a name (a lambda).
 
     Example:
         >>> import tempfile
@@ -153,7 +153,7 @@ def load(
     except Exception as error:  # any error of a constructor, too
         raise FormatError(where, f"has a transform that can't be built: {line_of(error)}") from None
     if transform is not None and repr(transform) != header.transform:
-        raise FormatError(where, f"its transform is without settings that this version has: {header.transform:.300}")
+        raise FormatError(where, f"has a transform without some settings of this version: {header.transform:.300}")
     if transform is not None and not callable(transform):
         raise FormatError(where, f"doesn't contain a transform, but {header.transform!r:.200}")
     model = model.to_empty(device=device)
@@ -202,7 +202,7 @@ def _header(where: Path, text: str) -> _Header:
 
 
 def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tensor]) -> nn.Module:
-    """Return the network, without memory for its weights yet. ValueError unless `state` fits it."""
+    """Return the network on the meta device (without values). ValueError unless the weights `state` fit the network."""
     room, here = len(state), get_ident()
 
     def count(*_: Any) -> None:
@@ -211,7 +211,7 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
         if room < 0 and get_ident() == here:
             raise ValueError(f"it has more than the file's {len(state)} weights")
 
-    # settings with a billion layers fail at the first layer too many
+    # settings with a billion layers fail at the first weight that the file doesn't have
     with torch.device("meta"), register_module_parameter_registration_hook(count):
         model = NETWORKS[kind](**_tuples(settings))
     expected = {name: (tuple(v.shape), v.is_floating_point()) for name, v in model.state_dict().items()}
@@ -222,7 +222,7 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
 
 
 def _without_classes(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings as JSON, with a convolution of the user's own by its name, {"name": "module:class"}."""
+    """Return settings for JSON: a convolution of the user's own becomes {"name": "module:class"}."""
     given = settings.get("convolution")
     if not callable(given):
         return dict(settings)
@@ -268,7 +268,7 @@ def _home() -> Path:
     """Return the folder of networks given by a bare name."""
     if chosen := os.environ.get("NVSDATA_MODELS"):
         return Path(chosen)
-    # imported here because it takes a quarter of a second
+    # imported here, because importing pooch takes a quarter of a second
     import pooch
 
     return Path(pooch.os_cache("nvsdata")) / "models"
@@ -280,7 +280,7 @@ def _checked(transform: Any) -> str | None:
     text = repr(transform)
     built = from_repr(text)
     if repr(built) != text or not _same_kinds(built, transform):
-        raise ValueError(f"the transform can't be built from its repr, or another has its name: {text}")
+        raise ValueError(f"the transform can't be built from its repr, or another transform has its name: {text}")
     return text
 
 

@@ -1,6 +1,6 @@
 """Clusters of nodes, and the maximum or mean of their features: by our kernels on the CPU, by torch elsewhere.
 
-While torch traces without values, `GraphPool` calls registered operators; see `spline_sum`.
+While torch traces a network without values, `GraphPool` calls registered operators; see `models.spline_sum`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ class Structure(NamedTuple):
 
 
 def structure(batch: GraphBatch, cluster: Size, grid: Size) -> Structure:
-    """The graphs whose nodes are clusters of (width, height) pixels, of which `grid` fit on the sensor."""
+    """Return the pooled graphs, without features.
+
+    `cluster` is the (width, height) of a cluster in pixels, `grid` the number of (columns, rows) of clusters.
+    """
     if traced(batch.pos):
         given = batch.pos, batch.t, batch.edge_index, batch.edge_attr, batch.batch, batch.ptr
         return Structure(*_structure(*given, list(cluster), list(grid)))
@@ -39,7 +42,7 @@ def structure(batch: GraphBatch, cluster: Size, grid: Size) -> Structure:
 
 
 def pooled_rows(x: torch.Tensor, cluster: torch.Tensor, count: int, mode: str) -> torch.Tensor:
-    """Maximum ("max") or mean ("average") of `x` [N, C] over `count` clusters, [M, C]."""
+    """Return the maximum ("max") or mean ("average") of `x` [N, C] over each of `count` clusters, [count, C]."""
     if traced(x):
         pooled: torch.Tensor = _rows(x, cluster, count, mode)
         return pooled
@@ -51,7 +54,7 @@ def pooled_rows(x: torch.Tensor, cluster: torch.Tensor, count: int, mode: str) -
 
 
 def clusters_cpu(batch: GraphBatch, cluster: Size, grid: Size) -> Structure:
-    """The pooled graphs, computed by our kernels on the CPU."""
+    """Return the pooled graphs, computed by our kernels on the CPU."""
     source, target, _ = grouped(batch.edge_index, batch.edge_attr, batch.num_nodes)
     found = kernel.clusters(batch.pos.numpy(), batch.t.numpy(), batch.ptr.numpy(), *cluster, *grid)
     edges = kernel.merged_edges(source.numpy(), target.numpy(), found[0], len(found[1]))
@@ -59,13 +62,13 @@ def clusters_cpu(batch: GraphBatch, cluster: Size, grid: Size) -> Structure:
 
 
 def clusters_torch(batch: GraphBatch, cluster: Size, grid: Size) -> Structure:
-    """The pooled graphs, computed by torch on any device."""
+    """Return the pooled graphs, computed by torch on any device."""
     total = grid[0] * grid[1]
     occupied, index = torch.unique(batch.batch * total + cells(batch.pos, cluster, grid), return_inverse=True)
     count = occupied.numel()
-    # float64: sums of whole pixels must be exact for the floor to be
+    # in float64, sums of whole pixels are exact, and so is the floor of their mean
     pos = mean_rows_torch(batch.pos.double(), index, count).floor().float()
-    # from the earliest node's time on: a sum of dates in µs may be beyond int64
+    # times relative to the earliest node, because a sum of absolute times in µs may exceed int64
     first = batch.t.new_zeros(count).scatter_reduce_(0, index, batch.t, "amin", include_self=False)
     times = batch.t.new_zeros(count).index_add_(0, index, batch.t - first[index])
     t = first + torch.div(times, occurrences(index, count), rounding_mode="floor")
@@ -79,30 +82,30 @@ def clusters_torch(batch: GraphBatch, cluster: Size, grid: Size) -> Structure:
 
 
 def mean_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
-    """Mean of `x` [N, C] over clusters, on any device: [M, C]."""
+    """Return the mean of `x` [N, C] over each of `count` clusters, on any device: [count, C]."""
     wide = widened(x)
     members = occurrences(cluster, count).to(wide.dtype).unsqueeze(1)
     return (wide.new_zeros(count, x.shape[1]).index_add(0, cluster, wide) / members).to(x.dtype)
 
 
 def max_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
-    """Maximum of `x` [N, C] over clusters, on any device; the gradient goes to the first maximal node.
+    """Return the maximum of `x` [N, C] over each of `count` clusters, on any device: [count, C].
 
-    NaN counts as larger than any number.
+    The gradient goes to the first node with the maximum. NaN counts as larger than any number.
     """
     nodes, channels = x.shape
     where = cluster.unsqueeze(1).expand(nodes, channels)
     with torch.no_grad():
         best = x.new_zeros(count, channels).scatter_reduce(0, where, x, "amax", include_self=False)
         index = torch.arange(nodes, device=x.device).unsqueeze(1).expand(nodes, channels)
-        # NaN equals nothing, so without isnan no node would be found for it
+        # NaN doesn't equal itself, so without isnan no node with a maximum of NaN would be found
         index = torch.where((x == best[cluster]) | x.isnan(), index, nodes)
         first = torch.full((count, channels), nodes, device=x.device).scatter_reduce(0, where, index, "amin")
     return x.gather(0, first)
 
 
 class _MaxRows(torch.autograd.Function):
-    """`max_rows_torch` by our kernels, on the CPU."""
+    """`max_rows_torch`, computed by our kernels on the CPU."""
 
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
@@ -118,7 +121,7 @@ class _MaxRows(torch.autograd.Function):
 
 
 class _MeanRows(torch.autograd.Function):
-    """`mean_rows_torch` by our kernels, on the CPU."""
+    """`mean_rows_torch`, computed by our kernels on the CPU."""
 
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
@@ -148,7 +151,7 @@ def _structure(
     grid: list[int],
 ) -> Tensors:
     """Custom operator of torch for `structure`."""
-    # features have no part in it
+    # the result doesn't depend on features: positions take their place
     given = GraphBatch(x=pos, pos=pos, t=t, edge_index=edge_index, edge_attr=edge_attr, batch=batch, ptr=ptr)
     found = structure(given, (cluster[0], cluster[1]), (grid[0], grid[1]))
     cluster_of, *others, edges = found
@@ -167,7 +170,7 @@ def _(
     grid: list[int],
 ) -> Tensors:
     if pos.device.type == "meta":
-        # as many as there can be, because nobody knows how many there are
+        # the largest possible numbers, because the actual ones aren't known
         nodes: Any = min(pos.shape[0], (ptr.shape[0] - 1) * grid[0] * grid[1])
         edges: Any = edge_index.shape[1]
     else:

@@ -1,8 +1,8 @@
-"""Other graph convolutions, for comparison with the B-spline convolution (thesis Table 4.8).
+"""Other graph convolutions, for comparison with the B-spline convolution (thesis, Table 4.8).
 
-Each takes `x` [N, in_channels], `edge_index` int64 [2, E] (source, target) without self-loops, and
-pseudo-coordinates [E, dim], which only MoNet uses, and returns [N, out_channels]. The output of a node without
-neighbors depends on the node alone. Plain torch, for any device.
+Each takes features `x` [N, in_channels], `edge_index` int64 [2, E] (source, target) without self-loops, and
+pseudo-coordinates `u` [E, dim], which only MoNet uses. It returns features [N, out_channels]. The output of a node
+without neighbors depends on the node alone. The convolutions are written in plain torch, for any device.
 """
 
 from __future__ import annotations
@@ -65,7 +65,10 @@ class ChebConv(nn.Module):
 
 
 class GMMConv(nn.Module):
-    """MoNet (Monti et al. 2017): mean over neighbors, weighted by Gaussians of pseudo-coordinates; root weight."""
+    """Graph convolution of MoNet (Monti et al. 2017), with a root weight.
+
+    Each of `kernels` Gaussians of the pseudo-coordinates weights the mean over the neighbors.
+    """
 
     def __init__(self, in_channels: int, out_channels: int, kernels: int = 25, dim: int = 2) -> None:
         super().__init__()
@@ -80,14 +83,14 @@ class GMMConv(nn.Module):
         source, target = edge_index
         apart = (u.unsqueeze(1) - self.mean) / (self.deviation**2 + 1e-15).sqrt()
         weights = torch.exp(-0.5 * (apart * apart).sum(2))
-        heard, neighbors = self.root(x), x[source]
+        out, neighbors = self.root(x), x[source]
         count = _degree(target, x).clamp(min=1).unsqueeze(1)
         # one kernel at a time, because all at once would take E x K x C numbers
         for weight, matrix in zip(weights.T, self.linear.weight.view(self.kernels, self.out_channels, -1), strict=True):
             summed = torch.zeros_like(x).index_add(0, target, weight.unsqueeze(1) * neighbors)
-            heard = heard + summed / count @ matrix.T
-        out: torch.Tensor = heard
-        return out
+            out = out + summed / count @ matrix.T
+        result: torch.Tensor = out
+        return result
 
 
 class GINConv(nn.Module):
@@ -108,8 +111,8 @@ class GINConv(nn.Module):
         return out
 
 
-# name to constructor, from the channels, kernel size and dimensions of the B-spline layer that it replaces: `size`
-# polynomials, and as many Gaussians as the B-spline kernel has cells
+# constructors by name; they take (in_channels, out_channels, kernel_size, dim) of the B-spline convolution that they
+# replace, and make `kernel_size` polynomials, or as many Gaussians as the B-spline kernel has cells
 CONVOLUTIONS: dict[str, Callable[[int, int, int, int], nn.Module]] = {
     "gcn": lambda a, b, size, dim: GCNConv(a, b),
     "cheb": lambda a, b, size, dim: ChebConv(a, b, size),

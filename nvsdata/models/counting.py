@@ -24,8 +24,8 @@ class Counting(TorchDispatchMode):  # type: ignore[no-untyped-call]
         seen: Number of calls that made new values, by layer.
 
     A multiply-add counts as two operations. Any other sum, product or quotient of two numbers, and any value of a
-    function (a square root, an exponential), counts as one. Copies, choices and comparisons (a maximum, ReLU) count as
-    none, and so does what is done with integers.
+    function (a square root, an exponential), counts as one. Copies, selections, comparisons (a maximum, ReLU) and
+    operations on integers aren't counted.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class Counting(TorchDispatchMode):  # type: ignore[no-untyped-call]
         kwargs = kwargs or {}
         rule = _rule(func)
         if rule is None:
-            # in inference mode, composite operations arrive as one
+            # in inference mode, torch doesn't decompose composite operations itself
             with self:
                 parts = func.decompose(*args, **kwargs)
             if parts is not NotImplemented:
@@ -56,7 +56,7 @@ class Counting(TorchDispatchMode):  # type: ignore[no-untyped-call]
 
 
 def _rule(func: Any) -> Callable[..., float] | None:
-    """Return the number of operations of a function of torch, from its result and arguments, or None if unknown."""
+    """Return the rule that counts the operations of a torch function from its result and arguments; None if unknown."""
     packet = func.overloadpacket
     if packet in flop_registry and not str(packet).endswith("backward"):
         return lambda out, /, *args, **kwargs: flop_registry[packet](*args, **kwargs, out_val=out)
@@ -72,7 +72,7 @@ def _rule(func: Any) -> Callable[..., float] | None:
 
 
 def _real(out: Any) -> bool:
-    """Return True if a result, or one of several, is of real or complex numbers."""
+    """Return True if a result, or one of several results, is a tensor of floating-point or complex numbers."""
     if isinstance(out, list | tuple):
         return any(map(_real, out))
     return isinstance(out, torch.Tensor) and (out.is_floating_point() or out.is_complex())
@@ -90,7 +90,7 @@ def _twice(out: torch.Tensor, /, *_: Any, **__: Any) -> int:
 
 
 def _added(out: torch.Tensor, x: torch.Tensor, /, *_: Any, **__: Any) -> int:
-    """Count one addition per value of a sum."""
+    """Count one addition per value that is summed."""
     return x.numel() if _real(out) else 0
 
 
@@ -113,7 +113,7 @@ def _added_product(out: torch.Tensor, start: Any, a: torch.Tensor, b: torch.Tens
 
 
 def _normalized(out: Any, x: torch.Tensor, w: Any, b: Any, mean: Any, var: Any, own: bool, /, *_: Any) -> int:
-    """Count batch normalization: scale and shift, and mean and variance if it uses its `own` statistics."""
+    """Count 2 operations per value for scale and shift, and 4 for mean and variance if the batch's `own` are used."""
     return (6 if own else 2) * x.numel()
 
 
@@ -144,7 +144,7 @@ SUMS: dict[str, Callable[..., float]] = {
     "scatter_add": _rows,
     "mv": _product,
     "dot": _product,
-    # the registry of torch has neither
+    # torch's own registry has no rules for the rest
     "addmm_": _added_product,
     "addcmul": _twice,
     "addcdiv": _twice,
@@ -159,7 +159,7 @@ SUMS: dict[str, Callable[..., float]] = {
     "_adaptive_avg_pool3d": _adaptive,
 }
 
-# copies, choices and comparisons
+# functions without counted operations: copies, selections and comparisons
 NONE = frozenset(
     "abs amax amin arange argmax argmin bincount bitwise_and cat ceil clamp clamp_max clamp_min clone constant_pad_nd"
     " copy _to_copy detach dropout embedding empty empty_like empty_strided eq eye fill flip floor full full_like"

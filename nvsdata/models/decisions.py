@@ -62,7 +62,7 @@ class OnlineClassifier:
         self._work += time.perf_counter() - began
 
     def decide(self, now: int) -> dict[str, Any]:
-        """Return the decision about the events in the window.
+        """Classify the events in the window.
 
         Args:
             now: Time of the decision in µs, returned as it is.
@@ -97,5 +97,5 @@ def _how(transform: Any, window: int | None) -> dict[str, Any]:
         elif isinstance(step, CausalFilter):
             found["sampler"] = step
         else:
-            raise ValueError(f"{step} can't stream: the network was trained on windows that it changes as a whole")
+            raise ValueError(f"{step} can't stream: this transform of the training needs an entire window at once")
     return found

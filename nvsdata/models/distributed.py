@@ -1,7 +1,7 @@
-"""Functions and layers for training by several processes, with the results of a single process.
+"""Functions and layers with which several processes train with the same results as a single process.
 
-With torch.distributed, each process has a part of every batch, in order of rank. This matters only to layers with
-statistics over a batch, and to dropout. Without torch.distributed, these functions change nothing.
+With torch.distributed, each process has a part of every batch, in order of rank. Only dropout and layers with
+statistics over a batch depend on this. Without torch.distributed, the functions and layers use the one process alone.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _Total(torch.autograd.Function):
 
 
 def all_reduce_sum(x: torch.Tensor) -> torch.Tensor:
-    """Return the sum of `x` over all processes; differentiable."""
+    """Return the differentiable sum of `x` over all processes."""
     return _Total.apply(x) if process_count() > 1 else x  # type: ignore[no-untyped-call]
 
 

@@ -16,8 +16,8 @@ from nvsdata.data.ragged import EventBatch
 from nvsdata.kernels.represent.inside import inside
 from nvsdata.kernels.represent.learned import splat, splat_gradient
 
-SLOPE = 0.1  # of the leaky ReLU below 0
-NARROW = 1e-7  # pieces of the kernel that are narrower belong to their neighbors
+SLOPE = 0.1  # slope of the leaky ReLU below 0
+NARROW = 1e-7  # width below which a piece of the kernel is merged with its neighbor
 LOOKUP = 4096
 
 
@@ -85,7 +85,7 @@ class EST(nn.Module):
         return [(layer.weight, layer.bias) for layer in self.layers if isinstance(layer, nn.Linear)]
 
     def kernel(self, u: torch.Tensor) -> torch.Tensor:
-        """Return the values of f at positions [...]."""
+        """Return the values of the kernel f at positions `u` [...], in the same shape."""
         found = u[..., None]
         for number, (weight, bias) in enumerate(self._weights):
             found = F.linear(found, weight.to(u.dtype), bias.to(u.dtype))
@@ -108,7 +108,7 @@ class EST(nn.Module):
 
     @torch.no_grad()
     def _edges(self) -> np.ndarray:
-        """Ends of the pieces of f from -1 to 1: where the input of some unit is 0, float64."""
+        """Return the ends of the P linear pieces of f in [-1, 1], where the input of a unit is 0: float64 [P + 1]."""
         places = np.array([-1.0, 1.0])
         weights = [
             (weight.double().numpy(force=True), bias.double().numpy(force=True)) for weight, bias in self._weights
@@ -130,21 +130,23 @@ class EST(nn.Module):
 
 
 class _Splat(torch.autograd.Function):
-    """`splat` on the CPU, whatever device the rest is on."""
+    """`splat` with gradients. It runs on the CPU; its inputs may be on any device."""
 
     @staticmethod
     def forward(
         ctx: Any, line: torch.Tensor, events: EventBatch, ends: np.ndarray, shape: tuple[int, ...]
     ) -> torch.Tensor:
         nearby = np.searchsorted(ends, np.linspace(-1, 1, LOOKUP + 1)).clip(max=ends.size - 1).astype(np.int32)
-        # rounding may put a place at the very end beyond it
+        # rounding may move a position at the last end beyond it
         ctx.ends, ctx.nearby = np.append(ends[:-1], np.inf), nearby
         named = (events.t, events.x, events.y, events.p, events.offsets)
         ctx.columns = tuple(column.numpy(force=True) for column in named)
         t, x, y, p, offsets = ctx.columns
         height, width = shape[3:]
         if not inside(t, x, y, p, width, height) or (np.diff(offsets, prepend=0, append=t.size) < 0).any():
-            raise ValueError(f"the batch has events, or offsets, outside {width}x{height} pixels and {t.size} events")
+            raise ValueError(
+                f"the batch has events outside {width}x{height} pixels, or offsets outside its {t.size} events"
+            )
         out = np.zeros(shape, np.float32)
         splat(t, x, y, p, offsets, ctx.ends, nearby, line.detach().double().numpy(force=True), out)
         return torch.from_numpy(out).to(line.device)

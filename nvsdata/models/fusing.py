@@ -48,7 +48,7 @@ def fused(model: Network) -> Network:
             elif isinstance(block, ConvBlock) and isinstance(block.conv, SplineConv):
                 _fold(block.conv, block.norm)
                 setattr(parent, name, _Block(block.conv, block.kernel))
-    # `save` recognizes networks by it
+    # `save` recognizes networks by `kind`, and refuses this one
     model.kind = None  # type: ignore[assignment]
     return model.eval().requires_grad_(False)
 
@@ -77,7 +77,7 @@ def _fold(conv: SplineConv, norm: BatchNorm) -> None:
 
 
 def _add(conv: SplineConv, shortcut: SplineConv) -> None:
-    """Add a shortcut's weights to a convolution, so that it gives the sum of both."""
+    """Add a shortcut's weights to a convolution, so that the convolution returns the sum of both."""
     assert conv.bias is not None
     assert shortcut.bias is not None
     conv.weight.add_(shortcut.weight)

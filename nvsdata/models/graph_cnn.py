@@ -1,8 +1,8 @@
 """Graph CNNs for objects, plain and residual (thesis, sections 4.2.5 and 4.4.2).
 
-A node is one of its own neighbors (its distance, 0, is within the radius of eq. 4.2) and also has a root weight.
-Event graphs have many isolated nodes, which would contribute nothing otherwise. The fraction of the mean that the node
-itself contributes shows how dense its neighborhood is.
+A node is one of its own neighbors, because its distance to itself is 0, within the radius of eq. 4.2. In addition, it
+has a root weight. Event graphs have many isolated nodes, which would contribute nothing otherwise. The fraction of the
+mean that the node itself contributes shows how dense its neighborhood is.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Kernel:
         return layer
 
     def spline(self, in_channels: int, out_channels: int, size: int) -> SplineConv:
-        """Return a B-spline convolution of another kernel size."""
+        """Return a B-spline convolution of kernel size `size`."""
         return SplineConv(in_channels, out_channels, kernel_size=size, dim=self.dim, root_weight=self.root_weight)
 
     def edges(self, batch: GraphBatch, convolution: nn.Module) -> tuple[torch.Tensor, torch.Tensor]:
@@ -70,7 +70,7 @@ Pooling = Literal["max", "average"]
 
 
 class ConvBlock(nn.Module):
-    """Graph convolution and batch normalization (thesis eqs. 4.6, 4.7), without the activation that follows."""
+    """Graph convolution and batch normalization (thesis, eqs. 4.6, 4.7), without the activation that follows."""
 
     def __init__(self, in_channels: int, out_channels: int, kernel: Kernel) -> None:
         super().__init__()
@@ -118,23 +118,26 @@ class Activation(nn.Module):
 def activated_pool(cluster: Size, sensor_size: Size, pooling: Pooling) -> list[nn.Module]:
     """Return the activation of a block and the pooling after it (eqs. 4.6, 4.9), as two layers.
 
-    Maximum and ReLU can be swapped, and ReLU after pooling has fewer nodes to compute. The order matters for an
-    average.
+    For the maximum, ReLU comes after pooling: the result is the same, and there are fewer nodes to compute. For an
+    average, ReLU comes before.
     """
     pool, activation = GraphPool(cluster, sensor_size, pooling), Activation()
     return [pool, activation] if pooling == "max" else [activation, pool]
 
 
 def check_pairs(channels: Sequence[int], clusters: Sequence[Size | None]) -> None:
-    """Raise ValueError unless there is one cluster for each number of channels, and at least one."""
+    """Raise ValueError unless `channels` and `clusters` have equal lengths of at least 1."""
     if len(channels) != len(clusters) or not channels:
-        raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
+        raise ValueError(
+            f"channels and clusters must have equal lengths of at least 1, not {len(channels)} and {len(clusters)}"
+        )
 
 
 def input_of(network: Any, graphs: Graph | Data) -> GraphBatch:
     """Return graphs as a batch, with features of the network's precision.
 
-    ValueError for graphs of a larger sensor than the network's, or of other numbers of features or dimensions.
+    ValueError for graphs of a larger sensor than the network's, or with another number of features or
+    pseudo-coordinates.
     """
     batch, sensor_size = GraphBatch.of(graphs), network.sensor_size
     if batch.sensor_size is not None and (
@@ -192,7 +195,7 @@ class _GraphCNN(nn.Module):
             previous = width
         last = clusters[-1]
         if last is None:
-            raise ValueError("the last block needs clusters: they are the cells that the network's output is read from")
+            raise ValueError("the last entry of clusters can't be None: it is the grid of the fully connected layer")
         self.features = nn.Sequential(*layers)
         self.cluster, self.grid = last, grid_shape(sensor_size, last)
         self.hidden = nn.Linear(self.grid[0] * self.grid[1] * previous, hidden)
@@ -202,7 +205,7 @@ class _GraphCNN(nn.Module):
     def forward(self, graphs: Graph | Data) -> torch.Tensor:
         """Return class scores (logits) [B, num_classes] of a batch of graphs, or of one graph (B = 1).
 
-        ValueError for graphs of a larger sensor, or with another number of features; TypeError for other inputs than
+        ValueError for graphs of a larger sensor or with another number of features, TypeError for inputs that aren't
         graphs.
         """
         batch = self.features(input_of(self, graphs))

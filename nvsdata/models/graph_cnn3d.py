@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 class RGCNN3D(nn.Module):
     """Graph CNN and 3D CNN: (Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> mean -> FC(num_classes).
 
-    The network of the thesis, sections 5.2 and 5.3.1, takes a `GraphBatch` with `volumes` = S, as `collate` makes from
-    sequences of S graphs, and `x` [N, in_channels], or PyTorch Geometric's `Batch` with `volumes`. It returns class
-    scores (logits) [B, num_classes]. The defaults are those for 240x180.
+    The network is that of the thesis, sections 5.2 and 5.3.1. It takes a `GraphBatch` with `x` [N, in_channels] and
+    `volumes` = S, such as `collate` makes from sequences of S graphs; or PyTorch Geometric's `Batch` with `volumes`. It
+    returns class scores (logits) [B, num_classes]. The defaults are those of the thesis for 240x180 pixels.
 
     Args:
         num_classes: Number of scores.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Graph2GridLayer(nn.Module):
-    """Graphs to frames (thesis, eq. 5.1).
+    """Layer from graphs to frames (thesis, eq. 5.1).
 
     A batch of B sequences of S graphs with C features per node becomes [B, C, S, H, W].
     The features of a node are written to the cell that contains it. After a `GraphPool` with the same cluster, each

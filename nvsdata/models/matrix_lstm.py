@@ -15,18 +15,19 @@ class MatrixLSTM(nn.Module):
 
     The input for an event is its polarity, ±1, and the time since the previous event of the pixel, as a fraction of the
     sample's duration (0 for the first one). The LSTM's output after the last event is the pixel's features. Pixels
-    without events are 0 and need no computation. In contrast, the authors' configurations scale a pixel's delays by its
-    largest one, or use times from 0 to 1, and keep the earliest events of a pixel with too many. There is no gradient
-    with respect to times.
+    without events are 0 and need no computation. There is no gradient with respect to times.
+
+    The authors' configurations differ: they scale the delays of a pixel by its largest one, or use times from 0 to 1,
+    and they keep the earliest events of a pixel with more than the maximum.
 
     The network takes an `EventBatch` (`nvsdata.collate(samples, events="columns")`) of B samples of one sensor size. It
     returns [B, bins C, H, W] in the data type of its weights.
 
     Args:
         hidden: C, units of the LSTM (default 8).
-        bins: Parts of equal duration into which a sample is divided, each read separately (default 1).
-        most: Maximum number of events of a pixel and part, of which the latest are read (default 512, as in the
-            authors' code).
+        bins: Number of parts of equal duration into which a sample is divided; each is read separately (default 1).
+        most: Maximum number of events per pixel and part; if there are more, the latest ones are read (default 512, as
+            in the authors' code).
 
     Raises:
         ValueError: For settings that aren't positive whole numbers, and for samples of several sensor sizes.
@@ -61,7 +62,7 @@ class MatrixLSTM(nn.Module):
         if len(place):
             pixels, first, counts = _runs(place)
             step = torch.arange(len(place), device=place.device) - first.repeat_interleave(counts)
-            # the longest first, as a PackedSequence has them
+            # the longest first, as a PackedSequence requires
             longest = counts.argsort(descending=True, stable=True)
             rank = torch.empty_like(longest)
             rank[longest] = torch.arange(len(longest), device=place.device)
@@ -74,7 +75,7 @@ class MatrixLSTM(nn.Module):
         return out.view(shape).permute(0, 1, 4, 2, 3).flatten(1, 2)
 
     def _in_order(self, events: EventBatch, width: int, height: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return position in the result, delay and polarity of the events, sorted by pixel, at most `most` of each."""
+        """Return position in the result, delay and polarity of at most `most` events of each pixel, sorted by pixel."""
         batch = events.batch
         start, duration = events.starts[batch], events.durations[batch].clamp_min(1)
         part = ((events.t - start) * self.bins // duration).clamp_max(self.bins - 1)

@@ -13,16 +13,15 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
     """Batch normalization (thesis, eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all axes but the channels.
 
     With fewer than two values per channel there is no variance. The layer then uses the running statistics and doesn't
-    update them. The first batches have equal weights in the running statistics, until `momentum` takes over, so the
-    initial values have no effect. Processes that train together (torch.distributed) share the statistics of the entire
-    batch.
+    update them. The first 1 / `momentum` batches have equal weights in the running statistics, so the initial values
+    have no effect. Processes that train together (torch.distributed) use the statistics of the entire batch.
 
     Args:
         num_features: Number of channels C.
         eps: Value added to the variance (default 1e-5).
-        momentum: Least weight of a batch in the running statistics (default 0.1).
-        affine: True (default) for learned scales and offsets; the layer needs them.
-        track_running_stats: True (default) for running statistics; the layer needs them.
+        momentum: Smallest weight of a new batch in the running statistics (default 0.1).
+        affine: Must be True (default): the layer has learned scales and offsets.
+        track_running_stats: Must be True (default): the layer has running statistics.
 
     Example:
         >>> import torch
@@ -40,7 +39,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
             return self._by_running(x)
         here = x.numel() // self.num_features
         if torch.compiler.is_compiling():
-            # how many nodes there are isn't known then
+            # the number of nodes isn't known while torch traces
             torch._check(here >= 2)  # type: ignore[no-untyped-call]
         count = here if process_count() == 1 else int(all_reduce_sum(torch.tensor(float(here), device=x.device)))
         if count < 2:
@@ -48,7 +47,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         self.num_batches_tracked += 1
         assert self.running_mean is not None
         assert self.running_var is not None
-        # not as Python's number: the host would wait for the device, at each layer of each step
+        # a tensor: for a Python number, the host would wait for the device at each layer of each step
         factor = self.num_batches_tracked.to(self.running_mean.dtype).reciprocal().clamp(min=self.momentum or 0.0)
         if process_count() > 1:
             return self._shared(x, count, factor)
@@ -60,7 +59,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
     def _by_running(self, x: torch.Tensor) -> torch.Tensor:
         """Normalize by the running statistics."""
         if torch.compiler.is_compiling():
-            # PyTorch's function asks whether there are nodes, which isn't known then
+            # PyTorch's function checks that there are nodes, which isn't known while torch traces
             assert self.running_mean is not None
             assert self.running_var is not None
             return self._scaled(x - self._of_channels(self.running_mean, x), self.running_var)
@@ -86,7 +85,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         return self._scaled(centered, variance)
 
     def _scaled(self, centered: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
-        """Return values [N, C, ...] of mean 0, divided by their deviation, with weight and bias."""
+        """Divide values [N, C, ...] of mean 0 by their standard deviation, then apply weight and bias."""
         scale = self._of_channels(self.weight * (variance + self.eps).rsqrt(), centered)
         return centered * scale + self._of_channels(self.bias, centered)
 

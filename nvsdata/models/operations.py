@@ -1,4 +1,4 @@
-"""Numbers of operations and parameters of a network: by the thesis's formulas (4.4.4, 5.3.1), and as executed."""
+"""Numbers of operations and parameters of a network: by formulas (thesis, sections 4.4.4, 5.3.1), and as executed."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from nvsdata.models.spline import SplineConv
 from nvsdata.models.spline_sum import DENSE
 
 CONVOLUTIONS = nn.Conv1d, nn.Conv2d, nn.Conv3d
-# layers, whatever they are made of
+# modules that count as one layer, together with the modules inside them
 LAYERS = SplineConv, GCNConv, ChebConv, GMMConv, GINConv, GraphPool, nn.RNNBase
-# operations on a value of the state at each step, without products: sums and products of gates, and their functions
+# operations per value of the state and step, in addition to matrix products: sums, products and activations of gates
 GATES = {"LSTM": 9, "GRU": 8, "RNN_TANH": 1, "RNN_RELU": 0}
 
 
@@ -87,7 +87,7 @@ class Complexity:
 
     @property
     def size(self) -> float:
-        """Size of `parameters` as float32 in MiB, the unit of thesis Tables 4.4, 4.5 and 4.10."""
+        """Size of `parameters` as float32 in MiB, the unit of Tables 4.4, 4.5 and 4.10 of the thesis."""
         return self.parameters * 4 / 2**20
 
     def __str__(self) -> str:
@@ -115,15 +115,15 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
 
     The thesis's formulas count a multiply-add as two operations. A convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs,
     with HWT output positions (eq. 4.11, and its extension to three dimensions). A B-spline convolution follows eq.
-    (4.12) with the graph's own edges. A fully connected layer takes (2I - 1) O. Convolutions have (C_in K^d + 1) C_out
-    parameters, fully connected layers (C_in + 1) C_out. In the first fully connected layer of a graph network, C_in
-    counts channels, not channels times cells. Other layers have no formula (root weights, normalization, pooling, other
-    graph convolutions, LSTM).
+    (4.12), with the edges of the graph but no self-loops. A fully connected layer with I inputs and O outputs takes
+    (2I - 1) O FLOPs. Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers (C_in + 1) C_out. In the
+    first fully connected layer of a graph network, C_in counts channels, not channels times cells. Other layers have no
+    formula (root weights, normalization, pooling, other graph convolutions, LSTM).
 
-    Executed operations have the same unit and are counted by `Counting` and by rules of this module. For a B-spline
-    convolution they include every pair of an edge (or self-loop) and a kernel cell with a nonzero weight, and the
-    products of the cells that occur. For convolutions they include products with padding. `uncounted` names operations
-    of torch without a rule, and modules whose computation torch doesn't see.
+    Executed operations have the same unit. For a B-spline convolution they include every pair of an edge (or self-loop)
+    and a kernel cell with a nonzero weight, and the matrix products of the cells that occur. For convolutions they
+    include products with padding. `uncounted` names torch operations without a rule, and modules that compute outside
+    torch.
 
     Args:
         model: Any network. It is run once in evaluation mode; its mode is restored.
@@ -143,7 +143,7 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
     with _in_evaluation(model), _watched(units, counting, formulas), torch.no_grad(), counting:
         model(sample)
     layers = []
-    # what the network does itself comes last
+    # the network itself comes last
     for name, module in sorted(units.items(), key=lambda unit: unit[0] == ""):
         own = isinstance(module, LAYERS)
         weights = sum(p.numel() for p in module.parameters(recurse=own))
@@ -196,7 +196,7 @@ def _watched(units: dict[str, nn.Module], counting: Counting, formulas: dict[str
                 formulas.setdefault(name, []).append(flops)
             seen, begun[name] = counting.seen[name] - begun.get(name, 0), counting.seen[name]
             if not seen and not isinstance(module, tuple(RULES)) and _out_of_sight(module, inputs, output):
-                counting.unknown[name, "nothing that torch sees"] += 1
+                counting.unknown[name, "computation outside torch"] += 1
 
         return note
 
@@ -213,7 +213,7 @@ def _watched(units: dict[str, nn.Module], counting: Counting, formulas: dict[str
 
 
 def _out_of_sight(module: nn.Module, inputs: Any, output: Any) -> bool:
-    """Return True if a module without parts returned new values although torch did nothing."""
+    """Return True if a module without submodules returned a new tensor although torch executed no operation."""
     if next(module.children(), None) is not None or not isinstance(output, torch.Tensor) or output.is_meta:
         return False
     given = {x.untyped_storage().data_ptr() for x in inputs if isinstance(x, torch.Tensor)}
@@ -237,7 +237,7 @@ def _parameters(model: nn.Module, name: str, module: nn.Module) -> int | None:
 def _flops(module: nn.Module, inputs: Any, output: Any) -> int | None:
     if isinstance(module, SplineConv):
         x, edge_index, u = inputs
-        # self-loops, which networks add, are no edges of the graph
+        # the formula doesn't count the self-loops that networks add
         edges, nodes = int((edge_index[0] != edge_index[1]).sum()), x.shape[0]
         bases = 2 ** u.shape[1]  # (m + 1)^d for degree m = 1
         per_edge = bases * (3 * module.in_channels * module.out_channels + 7 * u.shape[1])
@@ -257,10 +257,10 @@ def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
     if x.device.type != "cpu":
         return 0
     (edges, axes), (cells, channels, out) = u.shape, module.weight.shape
-    # the kernels find cells in float64
+    # in float64, as in the kernels
     cell, share = _touched(u.detach().to(x.dtype).double().numpy(), module.kernel_size)
     entries = int(share.sum())
-    # along each axis a position in the kernel and two shares; of each entry their product, and a mean's quotient
+    # per edge and axis: a position in the kernel and two weights; per entry: their product, and the mean's division
     bases = edges * 3 * axes * (cells > 1) + entries * axes
     rows = 0
     if cells > 1 and cells * channels > DENSE:
@@ -285,7 +285,7 @@ def _touched(u: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooling(module: GraphPool, inputs: Any, output: GraphBatch) -> int:
-    """Count means of positions, pseudo-coordinates and, for an average, its sums and quotients."""
+    """Count operations of pooling: means of positions, pseudo-coordinates and, for "average", means of features."""
     (given,) = inputs
     axes = given.pos.shape[1]
     positions = axes * (given.num_nodes + output.num_nodes) + 2 * axes * output.num_edges
@@ -303,7 +303,7 @@ def _recurrent(module: nn.RNNBase, inputs: Any, output: Any) -> int:
     return total
 
 
-# what our kernels do in addition to what torch does, which is watched
+# operations of our kernels, in addition to those of torch, which `Counting` counts
 KERNELS: dict[type[nn.Module], Callable[[Any, Any, Any], int]] = {SplineConv: _aggregation}
-# layers that aren't watched: they are computed in other ways on other devices
+# layers that are counted by a rule alone, because devices compute them in different ways
 RULES: dict[type[nn.Module], Callable[[Any, Any, Any], int]] = {GraphPool: _pooling, nn.RNNBase: _recurrent}

@@ -16,10 +16,10 @@ from nvsdata.models.clusters import pooled_rows, structure
 class GraphPool(nn.Module):
     """Graph pooling, which merges the nodes of each cluster of pixels into one node.
 
-    The layer takes and returns a `GraphBatch`. The new node is located at the floor of the mean position of its nodes
-    (eq. 4.8). Its features are their maximum or mean (eq. 4.9), its `t` is their mean time, rounded down. There is one
-    edge from a cluster to another if there is any edge from a node of one to a node of the other. Pseudo-coordinates
-    are relative to `coarse_reach`; those of longer edges are clipped to 1.
+    The layer takes and returns a `GraphBatch`. The position of a new node is the floor of the mean position of the
+    merged nodes (eq. 4.8). Its features are their maximum or mean (eq. 4.9), its `t` is their mean time, rounded down.
+    There is one edge from a cluster to another if there is any edge from a node of one to a node of the other. The
+    normalization range of pseudo-coordinates is that of `coarse_reach`; longer edges are clipped to it.
 
     Args:
         cluster: (width, height) of a cluster in pixels.
@@ -72,7 +72,7 @@ class GraphPool(nn.Module):
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
     """Return the normalization range of the pseudo-coordinates after pooling.
 
-    Centers of neighboring clusters are the side of a cluster apart, and at least as far as nodes before pooling. On
-    N-MNIST 92 to 100% of the edges are within this range; pseudo-coordinates of longer edges are clipped.
+    Along each axis in space, it is the side of a cluster, or the range before pooling if that is larger. On N-MNIST, 92
+    to 100% of the edges are within this range.
     """
     return max(reach[0], cluster[0]), max(reach[1], cluster[1]), *reach[2:]

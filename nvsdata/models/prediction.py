@@ -59,7 +59,7 @@ class Trained:
             windows: Number of windows that vote (default 5).
 
         Returns:
-            The name or names. Without class names, their numbers as strings.
+            The name or names. Without class names, the class numbers as strings.
 
         Raises:
             ValueError: As for `predict_proba`, and for scores that are NaN.
@@ -119,7 +119,7 @@ def vote(scores: torch.Tensor, axis: int = 0) -> torch.Tensor:
         axis: Axis of the windows (default 0).
 
     Returns:
-        Probabilities in proportion to the geometric mean of those of the windows, without that axis.
+        Probabilities, without the axis of the windows: the normalized geometric mean of the windows' probabilities.
     """
     return scores.log_softmax(-1).mean(axis).softmax(-1)
 

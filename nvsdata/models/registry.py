@@ -1,4 +1,4 @@
-"""The registry of networks by name; instances remember their constructor arguments, so that they can be rebuilt."""
+"""The registry of networks by name; instances store their constructor arguments, so that they can be built again."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def register_network(name: str) -> Callable[[Network], Network]:
         if not (isinstance(kind, type) and issubclass(kind, nn.Module)):
             raise TypeError(f"register_network takes a subclass of torch.nn.Module, not {kind!r}")
         build = kind.__init__
-        # a network without an __init__ has that of modules, which takes anything
+        # a network without __init__ inherits that of nn.Module, which accepts any arguments
         signature = inspect.signature(_without_arguments if build is nn.Module.__init__ else build)
         unnamed = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD, inspect.Parameter.POSITIONAL_ONLY)
         if any(parameter.kind in unnamed for parameter in list(signature.parameters.values())[1:]):

@@ -1,4 +1,4 @@
-"""B-spline graph convolution (thesis eqs. 4.3-4.6; SplineCNN, Fey et al. 2018)."""
+"""B-spline graph convolution (thesis, eqs. 4.3 to 4.6; SplineCNN, Fey et al. 2018)."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class SplineConv(nn.Module):
 
 
 def _local(x: torch.Tensor, root: torch.Tensor | None, bias: torch.Tensor | None, channels: int) -> torch.Tensor:
-    """Return the root and bias terms, [N, channels], in new memory."""
+    """Return the terms f(i) W_root and b of `SplineConv`, [N, channels], in new memory."""
     if root is not None:
         return x @ root if bias is None else torch.addmm(bias, x, root)
     return x.new_zeros(x.shape[0], channels) if bias is None else bias.repeat(x.shape[0], 1)

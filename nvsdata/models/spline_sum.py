@@ -1,7 +1,7 @@
 """Sums of a B-spline convolution over neighbors and kernel cells: by our kernels on the CPU, by torch elsewhere.
 
-While torch traces without values (`torch.compile`, `torch.export`, the meta device), layers call registered operators.
-These take about 30 µs more per call, and their backward pass computes the sum again.
+While torch traces without values (`torch.compile`, `torch.export`, the meta device), layers call operators that are
+registered with torch. These operators take about 30 µs more per call, and their backward pass computes the sum again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ DENSE = 128
 
 def traced(x: torch.Tensor) -> bool:
     """Return True while torch traces without values."""
-    # a subclass may hold values all the same
+    # a subclass of Tensor may contain values although its is_meta is True
     return torch.compiler.is_compiling() or (type(x) in (torch.Tensor, torch.nn.Parameter) and x.is_meta)
 
 
@@ -35,7 +35,7 @@ def spline_sum(
     weight: torch.Tensor,
     kernel_size: int,
 ) -> torch.Tensor:
-    """`out` [N, out_channels] plus the sum of `SplineConv`: in place by our kernels on the CPU, by torch elsewhere."""
+    """Return `out` [N, out_channels] plus the sum of `SplineConv`; on the CPU, our kernels add the sum in place."""
     if not has_kernels(x):
         return spline_sum_torch(out, x, edge_index, edge_attr, weight, kernel_size)
     dense = kernel_size == 1 or weight.shape[0] * x.shape[1] <= DENSE
@@ -46,17 +46,20 @@ def spline_sum(
 
 
 def has_kernels(x: torch.Tensor) -> bool:
-    """Return True if our kernels take a tensor: on the CPU, of single or double precision. Torch's paths take any."""
+    """Return True if our kernels accept a tensor: one on the CPU, of single or double precision."""
     return x.device.type == "cpu" and x.dtype in (torch.float32, torch.float64)
 
 
 def widened(x: torch.Tensor) -> torch.Tensor:
-    """The tensor, or if it is of half precision, in which sums of many values get lost or overflow, as float32."""
+    """Return a tensor of half precision as float32, because sums may overflow or lose small values; others as is."""
     return x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
 
 
 def occurrences(index: torch.Tensor, count: int) -> torch.Tensor:
-    """Count each number below `count`, int64; the host doesn't wait for the device, as for `bincount`."""
+    """Return how often each integer below `count` occurs, int64 [count].
+
+    Unlike for `bincount`, the host doesn't wait for the device.
+    """
     return index.new_zeros(count).scatter_add_(0, index, torch.ones_like(index))
 
 
@@ -73,7 +76,7 @@ def spline_sum_torch(
     nodes, cells = x.shape[0], weight.shape[0]
     wide = widened(x)
     v = edge_attr.detach().to(wide.dtype).clamp(0, 1) * (kernel_size - 1)
-    # NaN has no integer value; it stays in `upper`
+    # NaN has no integer value; `upper` keeps it
     lower = v.nan_to_num(0).floor().clamp(max=max(kernel_size - 2, 0)).long()
     upper = v - lower
     degree = occurrences(target, nodes)
@@ -107,7 +110,7 @@ class _DenseSum(torch.autograd.Function):
         sums = torch.from_numpy(kernel.dense_sums(source.numpy(), target.numpy(), u.numpy(), size, given))
         sums = sums.view(x.shape[0], weight.shape[0] * x.shape[1])
         ctx.mark_dirty(out)
-        # edges are needed again for the gradient of features only, which those of the first layer don't have
+        # the backward pass needs edges for the gradient of features only, which the first layer doesn't compute
         ctx.save_for_backward(sums, weight, *((source, target, u) if ctx.needs_input_grad[1] else ()))
         ctx.size = size
         return out.addmm_(sums, weight.reshape(-1, weight.shape[2]))
@@ -240,7 +243,7 @@ summed.register_autograd(_back, setup_context=_keep)
 def self_loops(
     edge_index: torch.Tensor, edge_attr: torch.Tensor, nodes: int, at: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The edges, and a self-loop of each node with pseudo-coordinates `at`; grouped by target on the CPU."""
+    """Return the edges and a self-loop of each node with pseudo-coordinates `at`, on the CPU grouped by target."""
     if traced(edge_index):
         looped: tuple[torch.Tensor, torch.Tensor] = _looped(edge_index, edge_attr, nodes, at)
         return looped
@@ -267,11 +270,11 @@ def _(edge_index: torch.Tensor, edge_attr: torch.Tensor, nodes: int, at: float) 
 
 
 def _occupied(starts: Any) -> list[tuple[int, int, int]]:
-    """Kernel cells that have rows, each with the range of its rows."""
+    """Return the kernel cells that have rows, each with the range of its rows."""
     bounds = starts.tolist()
     return [(cell, a, b) for cell, (a, b) in enumerate(itertools.pairwise(bounds)) if b > a]
 
 
 def _buffer(like: torch.Tensor, starts: Any, channels: int) -> torch.Tensor:
-    """Memory for the rows of the cell with most rows."""
+    """Return memory for the rows of the cell with the most rows."""
     return like.new_empty(int((starts[1:] - starts[:-1]).max()), channels)

@@ -26,7 +26,7 @@ class Conv3D(nn.Sequential):
 def inception(in_channels: int, streams: tuple[int, Pair, Pair, int]) -> Streams:
     """Return I3D's block of four parallel streams with widths `streams`, in the notation of the thesis, section 5.3.1.
 
-    The streams are 1x1x1; 1x1x1 then 3x3x3; 1x1x1 then 3x3x3; maximum over 3x3x3 then 1x1x1.
+    The streams are a convolution of 1x1x1; twice 1x1x1 followed by 3x3x3; and a maximum over 3x3x3 followed by 1x1x1.
     """
     one, (two, two_out), (three, three_out), four = streams
     return Streams(
@@ -38,7 +38,7 @@ def inception(in_channels: int, streams: tuple[int, Pair, Pair, int]) -> Streams
 
 
 def inception_width(streams: tuple[int, Pair, Pair, int]) -> int:
-    """Return the number of output channels of the block of these streams."""
+    """Return the number of output channels of `inception(..., streams)`."""
     one, (_, two), (_, three), four = streams
     return one + two + three + four
 
@@ -51,7 +51,7 @@ def residual(in_channels: int, inter_channels: int, out_channels: int) -> Residu
     return Residual(body, nn.Sequential(*shortcut))
 
 
-# Inc_1 to Inc_4
+# widths of the blocks Inc_1 to Inc_4 (thesis, section 5.3.1)
 INCEPTION: Sequence[tuple[int, Pair, Pair, int]] = (
     (128, (128, 192), (32, 96), 64),
     (192, (96, 208), (16, 48), 64),
@@ -62,10 +62,10 @@ TEMPORAL = ("plain", "inception", "residual")
 
 
 def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, int]:
-    """Return the layers up to the last pooling, and their number of output channels. ValueError for an unknown kind.
+    """Return a 3D CNN up to its last pooling, and its number of output channels. ValueError for an unknown kind.
 
-    Each block is followed by a pooling of 2 x 2 x 2 with stride 2. After the first block the stride in time is 1.
-    Values left over at an edge are pooled by themselves, because 8 grids wouldn't suffice for four poolings otherwise.
+    Each block is followed by a pooling of 2 x 2 x 2 with stride 2. After the first block, the stride in time is 1.
+    Output sizes are rounded up, because 8 grids wouldn't suffice for four poolings otherwise.
     """
     blocks: list[nn.Module] = []
     width = in_channels
@@ -85,6 +85,6 @@ def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, 
         raise ValueError(f"temporal must be one of {TEMPORAL}, not {kind!r}")
     layers: list[nn.Module] = []
     for n, block in enumerate(blocks):
-        # [T, H, W]
+        # sizes along T, H, W
         layers += [block, nn.MaxPool3d(2, (2 if n else 1, 2, 2), ceil_mode=True)]
     return nn.Sequential(*layers), width

@@ -217,8 +217,8 @@ def test_graphs_of_a_smaller_sensor_or_of_none_that_is_known():
 @pytest.mark.parametrize(
     ("settings", "reason"),
     [
-        ({"channels": (4, 4)}, "channels and clusters must pair up, not 2 and 3"),
-        ({"channels": (), "clusters": ()}, "channels and clusters must pair up, not 0 and 0"),
+        ({"channels": (4, 4)}, "channels and clusters must have equal lengths of at least 1, not 2 and 3"),
+        ({"channels": (), "clusters": ()}, "channels and clusters must have equal lengths of at least 1, not 0 and 0"),
         (
             {"convolution": "sage"},
             r"convolution must be one of \('spline', 'gcn', .*, or a class of your own, not 'sage'",

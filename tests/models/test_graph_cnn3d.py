@@ -123,5 +123,5 @@ def test_what_does_not_fit():
         models.rgcnn3d("dvs128-gesture")(sequences(1).inputs)
     with pytest.raises(ValueError, match="nodes have 1 features, but the network takes 2"):
         small(in_channels=2)(sequences(1).inputs)
-    with pytest.raises(ValueError, match="pair up"):
+    with pytest.raises(ValueError, match="equal lengths"):
         models.RGCNN3D(3, channels=(4,), clusters=())

@@ -206,7 +206,7 @@ class Elsewhere(nn.Module):
 def test_what_cannot_be_counted_is_named():
     model = nn.Sequential(nn.Linear(4, 4), nn.LayerNorm(4), Elsewhere(), nn.Identity(), nn.Flatten())
     counted = complexity(model, torch.rand(2, 4))
-    assert counted.uncounted == ("1 (LayerNorm): aten.native_layer_norm", "2 (Elsewhere): nothing that torch sees")
+    assert counted.uncounted == ("1 (LayerNorm): aten.native_layer_norm", "2 (Elsewhere): computation outside torch")
     assert "not counted: 2 (Elsewhere)" in str(counted)
     assert counted.executed == 2 * 2 * 4 * 4
 

@@ -1,4 +1,7 @@
-"""Networks for incremental inference: the layers that it uses, and the rows of a sliding window."""
+"""Networks for incremental inference: the layers of a model, and the features of nodes in a sliding window.
+
+The features of one node in one layer are called a row.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ from nvsdata.models.pool import GraphPool, coarse_reach
 from nvsdata.models.spline import SplineConv
 from nvsdata.transforms.graphs.edges import RadiusGraph
 
-MOST_NEIGHBORS = 1_024  # of a node; each event has room for all
+MOST_NEIGHBORS = 1_024  # largest `max_degree`; each event has memory for that many edges
 
 
 class NetworkLayers:
@@ -59,7 +62,7 @@ class NetworkLayers:
             raise ValueError(f"the network takes {model.in_channels} features of a node; a stream has {has}")
         if (given := axes(graph.pseudo)) != model.dim:
             raise ValueError(f"edges of {graph} have {given} pseudo-coordinates, but the network takes {model.dim}")
-        # the kernels' own device and precision
+        # the kernels compute on the CPU in single precision
         self.model = fused(deepcopy(model).cpu().float())
         self.body = getattr(self.model, which)
         self.graph, self.sensor_size = graph, model.sensor_size
@@ -75,9 +78,9 @@ class NetworkLayers:
                 self.loops.append(int(layer.kernel.loops))
                 self.pools.append(None)
         if graph.causal and any(self.pools[:-1]):
-            raise ValueError("pooling before the last block can't stream on a causal graph: clusters of None can")
+            raise ValueError("pooling before the last block can't stream on a causal graph: set those clusters to None")
         if not graph.causal and self.pools[0] is None:
-            raise ValueError("a first block without pooling can't stream, but on a causal graph")
+            raise ValueError("a first block without pooling can stream on a causal graph only")
         last = self.pools[-1] or next(pool for pool in self.pools[::-1] if pool is not None)
         self.grid, self.cluster = last.grid, last.cluster
         self.shape = last.grid[0] * last.grid[1], self.convolutions[-1].out_channels
@@ -87,12 +90,12 @@ class NetworkLayers:
 
     @property
     def has_scores(self) -> bool:
-        """True if there are fully connected layers."""
+        """True if the network has fully connected layers."""
         return bool(self._weights)
 
     @cached_property
     def weights(self) -> Any:
-        """Weights and settings in the kernels' format, shared by all states."""
+        """Weights and settings in the kernels' format, shared by all incremental networks of this model."""
         layers, reach = [], self.graph.reach(self.sensor_size)
         for conv, loops, pool in zip(self.convolutions, self.loops, self.pools, strict=True):
             own = _array(conv.root) if conv.root is not None else np.zeros(conv.weight.shape[1:], np.float32)
@@ -107,35 +110,35 @@ class NetworkLayers:
         return streaming_network(self.sensor_size, metric, int(self.graph.max_degree), layers, hidden)
 
     def scores(self, hidden: np.ndarray) -> torch.Tensor:
-        """Return class scores from the sums of the hidden layer."""
+        """Return class scores [num_classes] from the weighted sums of the hidden layer, before bias and ReLU."""
         (_, bias), (classify, last) = self._weights
         return torch.from_numpy((classify @ np.maximum(hidden + bias, 0) + last).astype(np.float32))
 
     def as_grid(self, shown: np.ndarray) -> torch.Tensor:
-        """Arrange features of cells [cells, C] as `Graph2Grid` does, [C, rows, columns]."""
+        """Return features of cells [cells, C] as a grid, as `Graph2Grid` arranges them: [C, rows, columns]."""
         columns, rows = self.grid
         return torch.from_numpy(shown.T.reshape(-1, rows, columns).copy())
 
     def grid_of(self, graph: Graph) -> torch.Tensor:
-        """Return the grid of a graph, computed from the entire graph, [C, rows, columns]."""
+        """Return the grid [C, rows, columns] of a graph, which is computed without incremental updates."""
         with torch.no_grad():
             batch = self.body(input_of(self.model, graph))
         return to_grid(batch.x, batch.pos, batch.batch, 1, 1, self.cluster, self.grid)[0, :, 0]
 
 
 class IncrementalNetwork(SlidingNetwork):
-    """Rows of a network for the events in a sliding window."""
+    """Rows of a network for the events in a sliding window, updated with the events that enter and leave."""
 
     def __init__(self, network: NetworkLayers) -> None:
         super().__init__(network.weights, network.shape, network.units)
 
     def columns(self) -> Columns:
-        """Return the events."""
+        """Return the columns of the events in the window."""
         return Columns(*self.events())
 
 
 class IncrementalCausalNetwork(CausalNetwork):
-    """Rows of a network on a causal graph, each computed once.
+    """Rows of a network on a causal graph, each computed once, when its event arrives.
 
     ValueError for average pooling.
     """

@@ -19,7 +19,7 @@ from nvsdata.transforms.graphs.features import NodeFeatures
 
 FOREVER = 2**62  # µs, longer than any window
 MANY = 24  # if more than 1/24 of the window's events enter or leave, the entire window is computed
-CALM = 2  # consecutive steps with few changes after which rows are kept
+CALM = 2  # number of consecutive steps with few changes, after which rows are kept and updated
 
 
 def stream(
@@ -28,16 +28,16 @@ def stream(
     graph: RadiusGraph | NodeFeatures | None = None,
     sampler: CausalFilter | None = None,
 ) -> Stream | CausalStream:
-    """Return a stream that is fed events and has a network's scores of the last `window` µs at any moment.
+    """Start incremental inference: feed events, and get a network's scores for the last `window` µs at any moment.
 
     Args:
         model: Trained `RGCNN` or `GCNN` of B-spline convolutions, in evaluation mode; or an `RGCNN3D`, whose graph part
             streams: `grid()` then returns the window's frame for the 3D CNN.
         window: Length in µs (default 30,000). The window ends with the last event, inclusive. None for all events.
         graph: Graph that the network was trained with (default `RadiusGraph()`). A causal graph needs a network that
-            pools after its last block only (clusters of None before); its rows are computed once, see `CausalStream`.
-            With `NodeFeatures` of a `RadiusGraph` the entire window is computed at each decision, because features such
-            as `Patch` change with every event around a node.
+            pools after its last block only (other clusters are None); see `CausalStream`. With `NodeFeatures` of a
+            `RadiusGraph`, the entire window is computed whenever scores are requested, because features such as `Patch`
+            change with every event around a node.
         sampler: Filter that events pass first, such as `transforms.RateLimit` (default: none).
 
     Returns:
@@ -65,7 +65,7 @@ def stream(
 
 
 def _edges_of(graph: Any) -> Any:
-    """Return the transform that makes the edges of a graph whose nodes may have features."""
+    """Return the transform that makes the edges, taken out of `NodeFeatures` and out of a `Compose` of one step."""
     if isinstance(graph, NodeFeatures):
         graph = graph.graph
     if isinstance(graph, Compose) and len(graph.transforms) == 1:
@@ -135,12 +135,14 @@ class _IncrementalInference(ABC):
         """Return the features of the last pooling, as `Graph2Grid` arranges them: float32 [C, rows, columns]."""
 
     def scores(self) -> torch.Tensor:
-        """Return class scores (logits) float32 [num_classes] of the window; without events, of an empty graph.
+        """Return class scores (logits) float32 [num_classes] of the window; without events, those of an empty graph.
 
         ValueError for RGCNN3D, whose 3D CNN takes sequences of grids.
         """
         if not self._network.has_scores:
-            raise ValueError("the 3D CNN takes sequences: give it grids, grid() has that of the window")
+            raise ValueError(
+                "RGCNN3D has no scores for one window: call grid() for each window, and pass the grids to its 3D CNN"
+            )
         return self._scores()
 
     @abstractmethod
@@ -163,7 +165,7 @@ class Stream(_IncrementalInference):
         """Forget all events."""
         super().reset()
         self._waiting: list[Columns] = []
-        # events whose rows aren't kept, and the number of consecutive steps with few changes
+        # events of the window while no rows are kept, and the number of consecutive steps with few changes
         self._held, self._calm = Columns.empty(0), 0
         self._live: IncrementalNetwork | None = None
         self._found: torch.Tensor | None = None
@@ -198,7 +200,7 @@ class Stream(_IncrementalInference):
         start, end = 0, 0
         if self._last is not None:
             end = self._last - self._origin
-            # as windows of recordings are, whose end is their first moment that is over
+            # a half-open range, as for windows of recordings
             start, end = (0, end) if self.window is None else (end + 1 - self.window, end + 1)
         graph: Graph = self.graph(Events.trusted(self._held, self._network.sensor_size, start, end))
         return graph
@@ -226,7 +228,7 @@ class Stream(_IncrementalInference):
         if self._live is not None:
             self._held, self._live, self._calm = self._live.columns(), None, 0
         self._held = concatenate([self._held.take(slice(past, None)), new])
-        # features of nodes change with all events around
+        # node features change with every event around a node
         self._calm = self._calm + 1 if few and not self._has_features else 0
         if self._calm == CALM:
             self._live = IncrementalNetwork(self._network)

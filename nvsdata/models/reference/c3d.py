@@ -24,7 +24,7 @@ class C3D(Classifier):
 
     The network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes]. It is designed for
     16 x 112 x 112. Feature maps of other sizes are averaged to the [1, 4, 4] that the fully connected layers take.
-    Poolings keep values left over at an edge, so 8 frames suffice.
+    Poolings round sizes up, so 8 frames suffice.
 
     Args:
         num_classes: Number of scores.
@@ -63,9 +63,9 @@ class C3D(Classifier):
 class MotionVector3D(Classifier):
     """Motion-vector CNN (Chadha et al. 2017; thesis, section 3.5.1), for long sequences of small frames.
 
-    Convolutions of 3x3x3, each followed by a pooling of 2x2x2, two hidden layers with dropout, parametric ReLUs
-    throughout. The thesis refers to the paper for the widths. The widths here are ours, chosen to give about the number
-    of weights that the thesis states, a third of that of an optical-flow network.
+    The network has 3x3x3 convolutions, each followed by a pooling of 2x2x2, and two hidden layers with dropout. All
+    activations are parametric ReLUs. The thesis refers to the paper for the widths. The widths here are ours, chosen to
+    give about the number of weights that the thesis states, a third of that of an optical-flow network.
 
     The network takes [B, in_channels, frames, size, size] or, with one channel, [B, frames, size, size]. It returns
     class scores (logits) [B, num_classes].

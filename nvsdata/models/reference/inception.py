@@ -1,4 +1,4 @@
-"""Inception-v4 on event images (Szegedy et al. 2017) and I3D (Carreira and Zisserman 2017); thesis A and B."""
+"""Inception-v4 (Szegedy et al. 2017) and I3D (Carreira and Zisserman 2017); thesis, appendices A and B."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from nvsdata.models.reference.layers import Classifier, Sizes, conv
 from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import Conv3D, inception, inception_width
 
-LEAST = 75  # pixels: smaller images have no pixels left before the last reduction
+LEAST = 75  # pixels along the smaller side: smaller images have no pixels left before the last reduction
 
 
 def _chain(in_channels: int, *layers: tuple[int, Sizes] | tuple[int, Sizes, int]) -> nn.Sequential:
-    """Return convolutions (channels, size) that keep height and width, or (channels, size, stride) without padding."""
+    """Return a chain of convolutions, each with batch normalization and ReLU.
+
+    (channels, size) has padding that keeps height and width, (channels, size, stride) has no padding.
+    """
     chain = []
     for width, size, *stride in layers:
         kernel = (size, size) if isinstance(size, int) else size
@@ -95,7 +98,7 @@ class InceptionV4(Classifier):
         dropout: Probability of dropout before the last layer (default 0.2).
 
     Raises:
-        ValueError: For another shape or smaller images.
+        ValueError: For inputs of another shape, and for images smaller than 75x75.
 
     Example:
         >>> from nvsdata import models

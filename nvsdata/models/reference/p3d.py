@@ -1,4 +1,4 @@
-"""Pseudo-3D residual network (Qiu et al. 2017; thesis B)."""
+"""Pseudo-3D residual network (Qiu et al. 2017; thesis, appendix B)."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def bottleneck(
 ) -> tuple[nn.Module, int]:
     """Return a block of convolutions of size 1, 3 and 1, and its number of channels.
 
-    The first convolution has the stride, or with groups the second.
+    The stride is that of the first convolution or, with groups, of the second.
     """
     out = width * expansion
     first, second = (stride, 1) if groups == 1 else (1, stride)
@@ -55,7 +55,8 @@ def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]
 def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.Module, ...]:
     """Return layers for space, then time: 1x3x3, batch normalization and ReLU, 3x1x1 and batch normalization.
 
-    The number of channels between them gives the number of weights of a 3x3x3 convolution (Tran et al. 2018, 3.5).
+    The number of channels between the two convolutions is such that both have as many weights as a 3x3x3 convolution
+    (Tran et al. 2018, section 3.5).
     """
     between = 27 * in_channels * out_channels // (9 * in_channels + 3 * out_channels)
     return (
@@ -139,7 +140,7 @@ class ResNet3D(Classifier):
 
 @register_network("resnext3d")
 class ResNeXt3D(Classifier):
-    """3D ResNeXt with 50 layers (Hara et al. 2018; thesis, fig. B.2): wider bottlenecks, in groups.
+    """3D ResNeXt with 50 layers (Hara et al. 2018; thesis, fig. B.2), with wider bottlenecks and grouped convolutions.
 
     The network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes].
 
@@ -170,8 +171,9 @@ class ResNeXt3D(Classifier):
 class R2Plus1D(Classifier):
     """R(2+1)D (Tran et al. 2018): each 3D convolution is split into one in space and one in time.
 
-    The thesis's 36 layers count both. Counted once they are 18, as the 33 million parameters of its Table 5.3 show. The
-    network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes].
+    The 36 layers of the thesis count both parts. A pair counted as one layer makes 18 layers, as the 33 million
+    parameters in Table 5.3 of the thesis show. The network takes [B, in_channels, T, H, W] and returns class scores
+    (logits) [B, num_classes].
 
     Args:
         num_classes: Number of scores.

@@ -1,4 +1,7 @@
-"""VGG (Simonyan and Zisserman 2015) for event images (thesis 4.4.4, appendix A) and stacks of three frames (3.5.2)."""
+"""VGG (Simonyan and Zisserman 2015), for event images and stacks of three frames.
+
+The thesis uses VGG in sections 4.4.4 and 3.5.2 (see also appendix A).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from torch import nn
 from nvsdata.models.reference.layers import Classifier, convolution, full
 from nvsdata.models.registry import register_network
 
-# number of layers with weights to the convolutions before each maximum pooling
+# by number of layers with weights: numbers of convolutions before each maximum pooling
 DEPTHS = {16: (2, 2, 3, 3, 3), 19: (2, 2, 4, 4, 4)}
 WIDTHS = (64, 128, 256, 512, 512)
 
@@ -26,7 +29,7 @@ class VGG(Classifier):
         in_channels: Channels of an image (default 2). Section 4.4.4 of the thesis uses two channels, ON and OFF counts;
             section 3.5.2 (VGG-16) uses three consecutive frames of summed polarity.
         hidden: Width of the hidden layers (default 4096).
-        dropout: Probability of dropout after the hidden layers (default 0.5; 0.8 in thesis, section 3.5.2).
+        dropout: Probability of dropout after the hidden layers (default 0.5; 0.8 in section 3.5.2 of the thesis).
 
     Raises:
         ValueError: For another number of layers or inputs of another shape.

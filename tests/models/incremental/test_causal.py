@@ -165,11 +165,11 @@ def test_reset_and_an_empty_window():
 def test_what_cannot_stream_is_reported():
     with pytest.raises(ValueError, match="pooling before the last block can't stream on a causal graph"):
         models.stream(trained(), graph=GRAPHS[0])
-    with pytest.raises(ValueError, match="a first block without pooling can't stream, but on a causal graph"):
+    with pytest.raises(ValueError, match="a first block without pooling can stream on a causal graph only"):
         models.stream(trained(**SHAPE), graph=T.RadiusGraph())
     with pytest.raises(ValueError, match="can't stream on a causal graph: mode 'max' can"):
         models.stream(trained(**SHAPE, pooling="average"), graph=GRAPHS[0])
-    with pytest.raises(ValueError, match="the last block needs clusters"):
+    with pytest.raises(ValueError, match="the last entry of clusters can't be None"):
         models.RGCNN(3, clusters=((2, 2), (4, 4), None))
 
 

@@ -168,7 +168,7 @@ def test_the_graph_part_of_a_sequence_network_gives_grids(monkeypatch, many):
         with torch.no_grad():
             expected = network.grid(network.spatial(input_of(network, graph(window))))[0, :, 0]
         torch.testing.assert_close(live.grid(), expected, atol=1e-5, rtol=0)
-    with pytest.raises(ValueError, match="the 3D CNN takes sequences: give it grids"):
+    with pytest.raises(ValueError, match="RGCNN3D has no scores for one window: call grid"):
         live.scores()
     plain = models.stream(trained(), 2_000, graph)
     plain.feed(events)
