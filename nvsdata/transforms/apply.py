@@ -1,4 +1,4 @@
-"""Changes of everything that belongs to a sample: each part of a list, and the boxes around its objects."""
+"""Functions that apply a change to all of a sample: to each part of a list, and to the boxes around objects."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class SpatialTransform(ABC):
 
     @abstractmethod
     def _change(self, sample: Any) -> Change:
-        """Return the change of one part of the sample or of its boxes. All random numbers are drawn here."""
+        """Return the change of one part of the sample or of its boxes. All random numbers are sampled here."""
 
     def __call__(self, sample: Any) -> Any:
         return map_sample(sample, self._change(sample), graphs=self.graphs, images=self.images)
@@ -46,12 +46,15 @@ def map_sample(sample: Any, change: Change, *, graphs: bool = False, images: boo
 
     Args:
         sample: `Events`, a `Recording`, which is decoded, or a list of them.
-        change: is applied to `Events` and whatever else is allowed.
-        graphs: allows a `Graph`, alone or in the list.
-        images: allows a tensor [..., H, W], alone.
+        change: Function that is applied to `Events`, and to graphs and images if they are allowed.
+        graphs: True to allow a `Graph`, alone or in a list (default False).
+        images: True to allow a tensor [..., H, W], alone (default False).
+
+    Returns:
+        The result of `change`, or a list of results.
 
     Raises:
-        TypeError: the sample is something else.
+        TypeError: The sample is something else.
     """
     check_sample(sample, graphs=graphs, images=images)
     if isinstance(sample, list | tuple):
@@ -80,7 +83,7 @@ def with_boxes(transform: Any, sample: Any, boxes: Boxes) -> tuple[Any, Boxes]:
     Transforms that move the sample, or apply others, have a method `with_boxes`. All others leave boxes where they are.
 
     Raises:
-        TypeError: a subclass overrides `__call__` alone, so its `with_boxes` would do something else.
+        TypeError: A subclass overrides `__call__` but not `with_boxes`, so the two might do different things.
     """
     if not hasattr(type(transform), "with_boxes"):
         return transform(sample), boxes
@@ -98,8 +101,8 @@ def move_boxes(sample: Any, boxes: Boxes, change: Change) -> Boxes:
     """Apply a change of a sample's coordinates to its boxes.
 
     Raises:
-        ValueError: the sample has another size than the sensor of the boxes, so a step that doesn't move boxes changed
-            it before.
+        ValueError: The sample has another size than the sensor of the boxes, because an earlier step changed the
+            sample but can't move boxes.
     """
     for size in _sizes(sample):
         if size not in (None, boxes.sensor_size):
@@ -124,4 +127,4 @@ def size_of(sample: Any) -> tuple[int, int] | None:
 
 def boxes_part_ways(transform: str) -> ValueError:
     """Return the error for a transform that moves the parts of a sample differently, so that no box fits them all."""
-    return ValueError(f"boxes can't follow {transform}, which moves parts of a sample apart")
+    return ValueError(f"boxes can't follow {transform}, which moves parts of a sample differently")

@@ -20,12 +20,12 @@ OF_IMAGE = ("image_id", "size", "orig_size")  # entries of a target that belong 
 
 @dataclass(frozen=True)
 class WithBoxes:
-    """Apply a transform to a sample, and move the boxes of its target along: a dataset's `transforms`.
+    """Apply a transform to a sample, and move the boxes of its target accordingly.
 
-    Whatever flips, scales, rotates, shifts, slants, crops or resizes the sample does the same to the boxes. A rotated
-    box becomes the smallest upright one around it. Boxes are cut at the sensor's edges. Those of which nothing is left
-    are dropped, together with their entries in the target's other tensors [N, ...] and lists of N, such as `labels`;
-    `image_id`, `size` and `orig_size` belong to the image and stay.
+    It is the argument `transforms` of a dataset. Transforms that flip, scale, rotate, shift, slant, crop or resize the
+    sample do the same to the boxes. A rotated box becomes the smallest upright one around it. Boxes are cut at the
+    sensor's edges. Boxes outside the sensor are dropped, together with their entries in the target's other tensors
+    [N, ...] and lists of N, such as `labels`; `image_id`, `size` and `orig_size` belong to the image and stay.
 
     A function or class of your own leaves boxes where they are. If it moves events, or applies transforms that do, give
     it a method `with_boxes(sample, boxes)` that returns both.
@@ -40,7 +40,7 @@ class WithBoxes:
     Raises:
         TypeError: The transform isn't callable, or the target has no boxes.
         ValueError: The boxes have another shape; the target has masks or keypoints, which nothing moves; or the
-            pipeline moves the parts of a sample apart, such as `FourCrops`, or `Each` of a random transform.
+            pipeline moves the parts of a sample differently, such as `FourCrops`, or `Each` of a random transform.
 
     Example:
         >>> import nvsdata

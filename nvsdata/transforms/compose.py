@@ -186,7 +186,7 @@ class RandomChoice:
 
 
 def is_deterministic(transform: object) -> bool:
-    """Return whether a transform declares that equal samples have equal results."""
+    """Return True if a transform declares that equal samples have equal results."""
     return bool(getattr(transform, "deterministic", False))
 
 

@@ -1,4 +1,4 @@
-"""Transforms by name, and from their reprs without running code."""
+"""The registry of transforms by name, and their construction from reprs without running code."""
 
 from __future__ import annotations
 

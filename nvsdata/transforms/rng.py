@@ -10,7 +10,7 @@ import torch
 
 
 class _Scratch(threading.local):
-    """Tensors that random numbers are written to, one set per thread: allocating one takes longer than the number.
+    """Tensors of each thread to which random numbers are written, because allocating a tensor takes longer.
 
     The numbers are read through arrays on the same memory, without calling torch.
     """
@@ -20,7 +20,7 @@ class _Scratch(threading.local):
         self.whole = torch.empty((), dtype=torch.int64)
         self.real_value, self.whole_value = self.real.numpy(), self.whole.numpy()
         self.generator: torch.Generator | None = None  # torch's default one
-        self.fraction: float | None = None  # of the range of `window_start`; None: random
+        self.fraction: float | None = None  # position in the range of `window_start`, from 0 to 1; None: random
 
 
 _scratch = _Scratch()

@@ -241,7 +241,7 @@ def test_networks_and_distances_refuse_events_outside_the_sensor(where):
 @pytest.mark.parametrize("offsets", [[0, 4], [2, 1], [-1, 3]])
 def test_learnt_tensors_refuse_offsets_of_other_events(offsets):
     batch = EventBatch(**EVENTS.torch(), offsets=torch.tensor(offsets), sensor_sizes=((6, 4),))
-    with pytest.raises(ValueError, match="offsets, outside 6x4 pixels and 3 events"):
+    with pytest.raises(ValueError, match="events outside 6x4 pixels, or offsets outside its 3 events"):
         models.EST(bins=2)(batch)
 
 

@@ -69,7 +69,7 @@ def test_sliding_clips_are_frames_in_a_row():
 def test_the_crop_with_the_most_activity(height, width, size, seed):
     frames = torch.from_numpy(np.random.default_rng(seed).integers(-2, 3, (3, height, width)).astype(np.float32))
     if size > min(height, width):
-        with pytest.raises(ValueError, match="hold no square"):
+        with pytest.raises(ValueError, match="contain no square"):
             T.MotionCrop(size)(frames)
         return
     places = [(y, x) for y in range(height - size + 1) for x in range(width - size + 1)]

@@ -292,9 +292,9 @@ def test_what_a_state_refuses():
         state = transform.state((5, 3))
         assert state.tensor().shape[-2:] == (3, 5)
         state.update(ev)
-        with pytest.raises(ValueError, match="events at 10 µs come after a state at 20 µs"):
+        with pytest.raises(ValueError, match="events at 10 µs are earlier than the state, at 20 µs"):
             state.update(ev)
-        with pytest.raises(ValueError, match="the state is at 20 µs and doesn't keep what it was at 19 µs"):
+        with pytest.raises(ValueError, match="the state is at 20 µs; its earlier value at 19 µs isn't stored"):
             state.tensor(19)
         with pytest.raises(ValueError, match="events of 9x3 pixels, but the state has 5x3"):
             state.update(Events([30], [8], [2], [1], (9, 3)))

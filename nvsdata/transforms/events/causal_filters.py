@@ -1,4 +1,4 @@
-"""Causal filters of events: an event is kept or dropped by earlier events alone, so they apply to streams, too."""
+"""Causal filters of events, for recordings and streams: earlier events alone decide if an event is kept."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ StreamFilter = Callable[[Events], Events]
 
 
 class CausalFilter(ABC):
-    """Filter that keeps or drops an event by earlier events alone.
+    """Filter in which earlier events alone decide if an event is kept or dropped.
 
     As a transform, it takes `Events`, a `Recording` or a list of them, and returns `Events`. For a stream,
     `begin(sensor_size)` returns a function that keeps the same events, no matter how the stream is cut.
@@ -57,7 +57,7 @@ class RefractoryPeriod(CausalFilter):
     tonic's `RefractoryPeriod` counts from the last event, kept or not, and drops one exactly `period` after it.
 
     Args:
-        period: In µs.
+        period: Duration in µs.
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them; for streams, see `begin`.
@@ -86,12 +86,12 @@ class RefractoryPeriod(CausalFilter):
 class FirstOfBoxes(CausalFilter):
     """Keep the first `k` events of each box of `side` x `side` pixels and `duration`.
 
-    The boxes are fixed in advance. Those of `NonUniformSample` follow the events of a window, so it can't be causal.
+    The boxes are fixed in advance. In contrast, the boxes of `NonUniformSample` depend on all events of a window.
 
     Args:
         k: Events per box (default 1).
-        side: In pixels (default 4); boxes begin at the top left.
-        duration: In µs (default 10,000); boxes begin at multiples of it in the recording's clock.
+        side: Side of a box in pixels (default 4); the first box is at the top left.
+        duration: Duration of a box in µs (default 10,000); boxes begin at multiples of it in the recording's clock.
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them; for streams, see `begin`.
@@ -129,9 +129,9 @@ class RateLimit(CausalFilter):
     After a pause, a cell may have `burst` events at once (a leaky bucket, as in computer networks).
 
     Args:
-        rate: Events per second and cell, at most 1e6.
-        side: Of a cell, in pixels (default 4); cells begin at the top left.
-        burst: Number of events (default 4).
+        rate: Maximum number of events per second in a cell, at most 1e6.
+        side: Side of a cell in pixels (default 4); the first cell is at the top left.
+        burst: Maximum number of events at once (default 4).
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them; for streams, see `begin`.

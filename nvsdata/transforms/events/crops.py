@@ -1,4 +1,4 @@
-"""Crops, lower resolution, and other sizes of the sensor."""
+"""Crops of the sensor, and scaling to other resolutions."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Moving = TypeVar("Moving", Events, Boxes)
 
 @dataclass(frozen=True)
 class Crop(SpatialTransform):
-    """Keep the events of a rectangle of the sensor, which becomes the sensor.
+    """Keep the events in a rectangle of the sensor. The rectangle becomes the new sensor.
 
     Args:
         x: Left column of the rectangle, in pixels.
         y: Top row of the rectangle, in pixels.
-        width: In pixels.
-        height: In pixels.
+        width: Width of the rectangle in pixels.
+        height: Height of the rectangle in pixels.
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them.
@@ -61,8 +61,8 @@ class Downsample(SpatialTransform):
     No events are dropped or merged.
 
     Args:
-        factor: Pixels along each axis that become one (default 2).
-        step: In µs (default 1).
+        factor: Number of pixels along each axis that become one pixel (default 2).
+        step: Step of the new times in µs (default 1).
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them.
@@ -117,12 +117,12 @@ def downsample(events: Moving, factor: int, step: int = 1) -> Moving:
 
 
 def resize_events(events: Moving, width: int, height: int) -> Moving:
-    """Scale events, or boxes, to a sensor of another size. `Resize` keeps the aspect ratio, this doesn't.
+    """Scale events, or boxes, to a sensor of another size. Unlike with `Resize`, the aspect ratio may change.
 
     Args:
         events: The events. Coordinates are rounded down; none are dropped or merged.
-        width: Of the new sensor, in pixels.
-        height: Of the new sensor, in pixels.
+        width: Width of the new sensor in pixels.
+        height: Height of the new sensor in pixels.
 
     Raises:
         ValueError: The new sensor has more than 32,767 pixels along an axis.

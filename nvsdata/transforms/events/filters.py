@@ -16,13 +16,13 @@ from nvsdata.transforms.apply import map_sample
 
 @dataclass(frozen=True)
 class BackgroundActivity:
-    """Drop isolated events: those without an event at one of the eight pixels around in the `window` before them.
+    """Drop isolated events: those without an event at one of the eight neighboring pixels in the `window` before them.
 
-    The filter is that of Delbruck 2008. Events at the same time count as earlier in the order that they have. tonic's
-    `Denoise` looks at four pixels.
+    The filter is that of Delbruck 2008. Of events at the same time, those that come first count as earlier. tonic's
+    `Denoise` uses four neighboring pixels.
 
     Args:
-        window: In µs (default 10,000).
+        window: Duration in µs (default 10,000).
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them.
@@ -61,7 +61,7 @@ class HotPixels:
     The average is taken over the time of the events (`Events.start` to `end`), at least 1 µs.
 
     Args:
-        rate: In events per second (default 1000).
+        rate: Maximum rate in events per second (default 1000).
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them.

@@ -1,4 +1,4 @@
-"""Noise: moved pixels, and additional events."""
+"""Noise: random shifts of events in space, and additional events."""
 
 from __future__ import annotations
 
@@ -57,16 +57,16 @@ class SpatialJitter:
 class UniformNoise:
     """Add events at random pixels and times, of random polarity.
 
-    Times lie within those of the events (`Events.start` to `end`). At equal times the new events come last.
+    Times are within the time range of the events (`Events.start` to `end`). At equal times the new events come last.
 
     Args:
-        count: Number of events (default 100), for each part of a list.
+        count: Number of events to add (default 100), to each part of a list.
 
     Returns:
         `Events`. The call takes `Events`, a `Recording` or a list of them.
 
     Raises:
-        ValueError: `count` isn't an integer, or negative.
+        ValueError: `count` isn't an integer, or is negative.
 
     Example:
         >>> import nvsdata

@@ -70,7 +70,7 @@ class RandomPolarityFlip:
         p: Probability (default 0.5); 1 always swaps them.
 
     Returns:
-        `Events`. The call takes `Events`, a `Recording` or a list of them, which are swapped together.
+        `Events`. The call takes `Events`, a `Recording` or a list of them, of which all or none are swapped.
 
     Raises:
         ValueError: `p` isn't a probability.

@@ -28,11 +28,11 @@ LITERAL_BETA = 0.5e-5
 class NonUniformSample:
     """Keep one random event of each box of at most `k` events (non-uniform grid sampling; thesis, section 4.2.1).
 
-    The space-time box of the events is split at the median of its widest side, until no box has more than `k` events.
-    Widths are weighted like distances in `RadiusGraph`.
+    The space-time box around the events is split at the median along its widest side, and so are its parts, until no
+    box has more than `k` events. Widths are weighted like distances in `RadiusGraph`.
 
     Args:
-        k: Most events in a box (default 8); 1 keeps all events.
+        k: Maximum number of events in a box (default 8); 1 keeps all events.
         alpha: Weight of squared pixels (default 1.0).
         beta: Weight of squared µs (default (0.5e-5)²; see `RadiusGraph`).
 
@@ -72,7 +72,7 @@ class NonUniformSample:
 
 @dataclass(frozen=True)
 class RandomRun:
-    """Keep `count` consecutive events from a random place on; all events, if there are no more.
+    """Keep `count` consecutive events from a random one on; keep all if there are at most `count`.
 
     Args:
         count: Number of events (default 10,000).
@@ -103,13 +103,13 @@ class RandomRun:
 
 @dataclass(frozen=True)
 class DropEvents:
-    """Drop each event with the same probability, which is drawn for each sample from [0, `most`).
+    """Drop each event with the same probability, which is sampled from [0, `most`) for each sample.
 
     Args:
-        most: Largest probability (default 0.3).
+        most: Upper bound of the probability (default 0.3).
 
     Returns:
-        `Events`. The call takes `Events`, a `Recording` or a list of them, with one probability.
+        `Events`. The call takes `Events`, a `Recording` or a list of them, which get the same probability.
 
     Raises:
         ValueError: `most` isn't a probability.
@@ -138,10 +138,10 @@ class DropByTime:
     """Drop all events of a random interval.
 
     Args:
-        fraction: Of the time of the events that the interval takes, 0 to 1 (default 0.2).
+        fraction: Duration of the interval as a fraction of the duration of the events, 0 to 1 (default 0.2).
 
     Returns:
-        `Events`. The call takes `Events` or a `Recording`, or a list, with one interval in the time of all of them.
+        `Events`. The call takes `Events`, a `Recording` or a list of them, which get the same interval.
 
     Raises:
         ValueError: `fraction` is out of range.
@@ -176,10 +176,11 @@ class DropByArea:
     """Drop all events of a random rectangle, which has the aspect ratio of the sensor.
 
     Args:
-        fraction: Of the sensor's area that the rectangle takes, 0 to 1 (default 0.2).
+        fraction: Area of the rectangle as a fraction of the area of the sensor, 0 to 1 (default 0.2).
 
     Returns:
-        `Events`. The call takes `Events`, a `Recording` or a list of them, all of one sensor, with one rectangle.
+        `Events`. The call takes `Events`, a `Recording` or a list of them, all of one sensor, which get the same
+        rectangle.
 
     Raises:
         ValueError: `fraction` is out of range.

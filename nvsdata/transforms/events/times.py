@@ -1,4 +1,4 @@
-"""Changes of the events' times."""
+"""Changes of the times of events."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RelativeTime:
 
 @dataclass(frozen=True)
 class RandomTimeScale:
-    """Slow down or speed up: multiply times since the beginning (`Events.start`) by a random factor from [low, high).
+    """Multiply times since the beginning (`Events.start`) by a random factor from [low, high).
 
     Args:
         low: Smallest factor, above 0 (default 0.8).
@@ -75,11 +75,11 @@ class RandomTimeFlip:
     """Reverse time with probability `p`. ON becomes OFF and OFF becomes ON, as changes of brightness are reversed, too.
 
     Args:
-        p: Probability (default 0.5); 1 always reverses it.
+        p: Probability (default 0.5); 1 always reverses time.
 
     Returns:
-        `Events`, of the same time range. The call takes `Events`, a `Recording` or a list of them, whose order is
-        reversed, too.
+        `Events` with the same time range. The call takes `Events`, a `Recording` or a list of them; the order of a list
+        is reversed, too.
 
     Raises:
         ValueError: `p` isn't a probability.

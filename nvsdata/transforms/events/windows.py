@@ -1,4 +1,4 @@
-"""Windows in time, for which only a part of a Recording is decoded; and the window length of a pipeline."""
+"""Windows in time, for which only a part of a `Recording` is decoded, and the window length of a pipeline."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class Window:
     """Cut a fixed window in time.
 
     Args:
-        start: In µs since the first event of the recording.
-        stop: In µs since the first event of the recording; excluded.
+        start: Start of the window in µs since the first event of the recording.
+        stop: End of the window in µs since the first event of the recording; excluded.
 
     Returns:
-        `Events`, none if the window lies outside. The call takes `Events` or a `Recording`, of which only the window
-        is decoded.
+        `Events`, without any event if the window is outside the recording. The call takes `Events` or a `Recording`, of
+        which only the window is decoded.
 
     Raises:
-        ValueError: A setting isn't an integer, or `stop` lies before `start`.
+        ValueError: A setting isn't an integer, or `stop` is before `start`.
 
     Example:
         >>> from nvsdata import Events, transforms as T
@@ -52,12 +52,13 @@ class Window:
 
 @dataclass(frozen=True)
 class RandomWindow:
-    """Cut a window at a random place, completely inside the recording if it fits.
+    """Cut a window at a random time, completely inside the recording if it fits.
 
     Args:
-        duration: In µs (default 30,000, as in the thesis).
-        within: (low, high), the part of the range of possible start times from which one is drawn: (0, 1) (default) is
-            all of it, (0, 0.2) the first fifth. Several such parts spread windows over the recording.
+        duration: Duration of the window in µs (default 30,000, as in the thesis).
+        within: (low, high), the part of the range of possible start times from which the start is sampled: (0, 1)
+            (default) is the entire range, (0, 0.2) the first fifth. Several such parts spread windows over the
+            recording.
 
     Returns:
         `Events`. The call takes `Events` or a `Recording`, of which only the window is decoded.
@@ -97,16 +98,16 @@ class RandomWindow:
 
 @dataclass(frozen=True)
 class RandomWindows:
-    """Cut a window at a random place in each of `count` equal parts of the recording (thesis, section 5.2.1).
+    """Cut a window at a random time in each of `count` equal parts of the recording (thesis, section 5.2.1).
 
-    The windows don't overlap if `count` of them fit. If they don't, they are spread evenly from the beginning of the
-    recording to its end, and neighbors overlap by the same time, to 1 µs. (The thesis, Table 5.1, has 8 windows of
-    1/30 s in 0.25 s, though it requires that T_vol < T / S, with T from the first event to the last.) If the recording
-    is shorter than one window, each of them is the entire recording.
+    The windows don't overlap if `count` of them fit. Otherwise they are spread evenly from the beginning of the
+    recording to its end, and all neighbors overlap by the same time, up to 1 µs. (The thesis requires T_vol < T / S,
+    where T is the time from the first event to the last. But its Table 5.1 has 8 windows of 1/30 s in 0.25 s.) If the
+    recording is shorter than one window, each window is the entire recording.
 
     Args:
         count: Number of windows (default 8). The thesis calls it S and uses 8 and 16.
-        duration: Of each window in µs (default 33,333). The thesis calls it T_vol and uses 1/30 s.
+        duration: Duration of each window in µs (default 33,333). The thesis calls it T_vol and uses 1/30 s.
 
     Returns:
         List of `Events` in order of time. The call takes `Events` or a `Recording`, of which only the windows are
@@ -164,7 +165,7 @@ def with_window_length(transform: Any, duration: int) -> Compose:
 
     Args:
         transform: See `window_length`.
-        duration: In µs.
+        duration: New duration in µs.
 
     Raises:
         ValueError: The pipeline cuts no windows.
@@ -216,7 +217,7 @@ def _required(steps: list[Any], transform: Any) -> int:
 
 
 def _starts(total: int, count: int, duration: int) -> list[int]:
-    """Return the starts of `count` windows in `total` µs: random if they fit, else at equal distances."""
+    """Return the starts of `count` windows in `total` µs: random if the windows fit, else at equal distances."""
     if count * duration > total:
         gaps = max(count - 1, 1)
         return [max(total - duration, 0) * n // gaps for n in range(count)]

@@ -36,7 +36,7 @@ class RandomScale(SpatialTransform):
         high: Largest factor, at least `low` (default 1.0). Equal bounds make the factor fixed.
 
     Returns:
-        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+        The moved sample. The call takes a `Graph`, `Events`, a `Recording` (which is decoded), or a list of them.
 
     Raises:
         ValueError: A setting is out of range, or a graph has no `sensor_size`.
@@ -68,7 +68,8 @@ class RandomFlip(SpatialTransform):
         p: Probability (default 0.5); 1 always mirrors.
 
     Returns:
-        What the call takes: a `Graph`, `Events` (also of a `Recording`), a list of them, or images [..., H, W].
+        The mirrored sample. The call takes images [..., H, W]; or a `Graph`, `Events`, a `Recording` (which is decoded)
+        or a list of these.
 
     Raises:
         ValueError: A setting is out of range, or a graph has no `sensor_size`.
@@ -99,10 +100,10 @@ class RandomRotate(SpatialTransform):
     """Rotate about the sensor's center by a random angle from [-degrees, degrees).
 
     Args:
-        degrees: Largest angle (default 10.0). For a fixed angle, see `affine`.
+        degrees: Largest angle in degrees (default 10.0). For a fixed angle, see `affine`.
 
     Returns:
-        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+        The moved sample. The call takes a `Graph`, `Events`, a `Recording` (which is decoded), or a list of them.
 
     Raises:
         ValueError: The angle is negative, or a graph has no `sensor_size`.
@@ -130,10 +131,10 @@ class RandomTranslate(SpatialTransform):
     """Shift by a random distance of up to `pixels` along each axis, in either direction.
 
     Args:
-        pixels: Largest distance (default 2.0). For a fixed distance, see `affine`.
+        pixels: Largest distance in pixels (default 2.0). For a fixed distance, see `affine`.
 
     Returns:
-        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+        The moved sample. The call takes a `Graph`, `Events`, a `Recording` (which is decoded), or a list of them.
 
     Raises:
         ValueError: The distance is negative.
@@ -161,14 +162,14 @@ class RandomAffine(SpatialTransform):
     """Slant, stretch, scale, rotate and shift by random amounts; see `affine`.
 
     Args:
-        scale: (low, high) of the factor (default 0.95, 1.0).
-        degrees: Largest angle in either direction (default 10.0).
+        scale: Range [low, high) of the scale factor (default (0.95, 1.0)).
+        degrees: Largest angle in degrees, in either direction (default 10.0).
         shift: Largest shift in pixels along each axis, in either direction (default 0.0).
         shear: Largest slant in either direction, as a fraction of the height (default 0.0).
         stretch: Largest change of the height in either direction, as a fraction of it (default 0.0).
 
     Returns:
-        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+        The moved sample. The call takes a `Graph`, `Events`, a `Recording` (which is decoded), or a list of them.
 
     Raises:
         ValueError: A setting is out of range, or a graph has no `sensor_size`.
@@ -219,19 +220,20 @@ def affine(
 
     Args:
         sample: A `Graph`, `Events`, or a `Recording`, which is decoded.
-        factor: Of the distances from the center (default 1.0).
-        degrees: Angle from the x axis towards the y axis, clockwise as seen (default 0.0).
+        factor: Factor of the distances from the center (default 1.0).
+        degrees: Angle in degrees from the x axis towards the y axis, clockwise in the image (default 0.0).
         dx: Shift to the right in pixels (default 0.0).
         dy: Shift downwards in pixels (default 0.0).
         shear: Shift along x per pixel of y (default 0.0).
         stretch: Factor of distances along y (default 1.0).
 
     Returns:
-        The graph with its nodes moved. Of events, coordinates are rounded to the nearest pixel, and those that leave
-        the sensor are dropped.
+        The graph with its nodes moved; or the events with coordinates rounded to the nearest pixel, without those that
+        leave the sensor.
 
     Raises:
-        ValueError: A graph has no `sensor_size`, so its center is unknown, and is not only shifted.
+        ValueError: The center of a graph is unknown, because it has no `sensor_size`, and the graph is to be more than
+            shifted.
 
     Example:
         >>> from nvsdata import Events, transforms as T

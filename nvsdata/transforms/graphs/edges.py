@@ -22,10 +22,10 @@ from nvsdata.kernels.streaming.earlier import earlier_edges
 from nvsdata.transforms.events.sampling import BETA
 
 PSEUDO: Pseudo = "signed"  # as in the author's code; the thesis (section 4.2.1) has "abs"
-REACH_T = 15_000  # µs between the ends of an edge, which few edges in windows of 30 ms exceed
-SHORTEST = float(np.finfo(np.float32).tiny)  # of a normalization range: in float32 a smaller one would be 0
-LARGEST = 2**26  # pixels around the nodes of a causal graph
-FURTHEST = 32_767  # pixels between nodes, as between events
+REACH_T = 15_000  # µs between the nodes of an edge; few edges in windows of 30 ms are longer
+SHORTEST = float(np.finfo(np.float32).tiny)  # smallest normalization range: smaller ones are 0 in float32
+LARGEST = 2**26  # pixels of the rectangle around the nodes of a causal graph
+FURTHEST = 32_767  # largest distance of nodes along an axis in pixels, as for events
 
 Limits = tuple[float, float, float, int]
 """Radius, alpha, beta and largest degree."""
@@ -42,16 +42,16 @@ class RadiusGraph:
     Args:
         radius: Largest distance (default 3.0).
         alpha: Weight of squared pixels (default 1.0).
-        beta: Weight of squared µs (default (0.5e-5)², as in the author's graphs, where time is scaled by 0.5e-5 per µs
-            and then squared: neighbors are near in space, at any time of the window). Read literally, the thesis has
-            0.5e-5, with which 1.3 ms are as far as 3 pixels, and most nodes have no neighbor.
+        beta: Weight of squared µs (default (0.5e-5)²). The default is that of the author's graphs, where time is scaled
+            by 0.5e-5 per µs and then squared: neighbors are near in space, at any time of the window. Read literally,
+            the thesis has 0.5e-5. Then 1.3 ms count as much as 3 pixels, and most nodes have no neighbor.
         max_degree: Largest number of edges that end in a node (default 32).
         pseudo: Kind of pseudo-coordinates: "abs" (as in the thesis) has |dx| and |dy|, "signed" (default, as in the
             author's code) dx and dy, "signed-time" also dt.
         reach_t: Normalization range of the time axis of "signed-time" in µs (default 15,000, which 90% of the edges in
             windows of 30 ms don't exceed).
-        causal: Edges lead from earlier events to later ones only, so later events change nothing at a node (default
-            False). At equal times, those of smaller index are earlier.
+        causal: True for edges from earlier events to later ones only, so that later events don't change a node
+            (default False). Of events at equal times, the one with the smaller index counts as earlier.
 
     Returns:
         A `Graph` with one node per event in the same order, and polarity ±1 as its feature. The call takes `Events`, a
@@ -108,7 +108,7 @@ class RadiusGraph:
         """Return the normalization ranges of the pseudo-coordinates, in pixels and µs.
 
         Args:
-            sensor_size: (width, height) in pixels, which bounds the graph in space if `alpha` is 0.
+            sensor_size: (width, height) in pixels, the range in space if `alpha` is 0.
         """
         side = self.radius / math.sqrt(self.alpha) if self.alpha > 0 else 0.0
         wide, high = (side, side) if side else sensor_size
@@ -124,9 +124,9 @@ class KNNGraph:
     only if there are no more than `k` events.
 
     Args:
-        k: Neighbors of an event (default 1).
-        reach: Normalization range of the pseudo-coordinates in pixels (default 8.0); longer edges count as that. In the
-            graphs that the thesis's author released, 99% of the edges of busy graphs are shorter.
+        k: Number of neighbors of an event (default 1).
+        reach: Normalization range of the pseudo-coordinates in pixels (default 8.0); longer edges are clipped to it. In
+            the dense graphs among those that the thesis's author released, 99% of the edges are shorter.
         pseudo: See `RadiusGraph`.
         reach_t: See `RadiusGraph`.
 
@@ -183,20 +183,20 @@ def _nodes(events: Events) -> Graph:
 
 
 def _joined_nodes(graph: Graph, near: Near, reach: Reach, kind: Pseudo) -> Graph:
-    """Return the same nodes with new edges. Nodes count as if they were at the nearest pixel.
+    """Return the same nodes with new edges. For distances, the position of a node is rounded to the nearest pixel.
 
     Args:
         graph: The nodes.
         near: Function that returns edges int64 [2, E] for t, x and y in order of time.
         reach: Normalization ranges of the pseudo-coordinates.
-        kind: Of pseudo-coordinates.
+        kind: Kind of pseudo-coordinates.
     """
     if isinstance(graph, GraphBatch):
         raise wrong_type("sample", "Events, a Recording or a single graph", graph)
     order = np.argsort(graph.t.numpy(), kind="stable")
     pixels = np.rint(graph.pos.numpy()[order])
     with np.errstate(invalid="ignore"):
-        # from 0 on, as the kernel needs them
+        # the kernel needs coordinates from 0 on
         pixels -= pixels.min(0, initial=np.inf)
     if not (pixels <= FURTHEST).all():
         raise ValueError(f"nodes must be at finite positions, at most {FURTHEST} pixels apart along an axis")

@@ -1,4 +1,4 @@
-"""Nodes and their features: the events of a pixel merged, and features other than polarity."""
+"""Nodes that merge the events of a pixel, and node features other than polarity."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class MergePixels:
     """Merge the events of each pixel into one node, as in the graphs that the thesis's author released for UCF101-DVS.
 
     Args:
-        times: Additional features of a node, any of "first", "last" and "mean": times of its events, as fractions of
-            the window (default none).
+        times: Additional features of a node: any of "first", "last" and "mean", the times of its events as fractions of
+            the window (default: none).
 
     Returns:
         A `Graph` without edges, for `KNNGraph` or `RadiusGraph`. `x` has the numbers of ON and of OFF events, then the
@@ -162,7 +162,7 @@ Feature = Callable[[Events, Graph], torch.Tensor]
 
 @dataclass(frozen=True)
 class NodeFeatures:
-    """Add features to the nodes of a graph. They may depend on all events, including those that have no node.
+    """Add features to the nodes of a graph. A feature may depend on all events, including those that have no node.
 
     Args:
         graph: Transform from events to a graph, such as `Compose([NonUniformSample(8), RadiusGraph()])`.
@@ -170,7 +170,7 @@ class NodeFeatures:
             tensor float32 [N, F] for N nodes.
 
     Returns:
-        The graph, with the new features after those it had. The call takes `Events` or a `Recording`.
+        The graph, with the new features after its own. The call takes `Events` or a `Recording`.
 
     Raises:
         TypeError: A feature isn't callable, or the transform returns no graph.
@@ -220,7 +220,7 @@ class NodeFeatures:
 
 def _check_size(size: int) -> None:
     if not (size % 2 == 1 and 1 <= size <= LARGEST):
-        raise ValueError(f"size must be odd, and at most {LARGEST}, not {size}")
+        raise ValueError(f"size must be odd and at most {LARGEST}, not {size}")
 
 
 def _counts(events: Events, nodes: Graph, size: int) -> np.ndarray:

@@ -15,14 +15,14 @@ from nvsdata.data.grid import check_cluster, grid_shape, to_grid
 
 @dataclass(frozen=True)
 class Graph2Grid:
-    """Add the features of all nodes in a cell of the sensor (thesis, equation 5.1).
+    """Sum the features of the nodes in each cell of the sensor (thesis, equation 5.1).
 
     Args:
         cluster: (width, height) of a cell in pixels (default 1, 1).
 
     Returns:
-        float32 [C, S, H, W] for a graph (S = 1) or a sequence of S graphs with C features per node; H x W cells cover
-        the sensor.
+        float32 [C, S, H, W], where H x W cells cover the sensor. The call takes a graph (S = 1) or a sequence of S
+        graphs, with C features per node.
 
     Raises:
         ValueError: There is no graph, a graph has no `sensor_size`, or cells are smaller than a pixel.

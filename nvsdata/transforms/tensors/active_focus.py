@@ -17,17 +17,17 @@ from nvsdata.transforms.tensors.states import FocusState
 class TAF:
     """Compute the ages of the latest bins of time with events, for each pixel and polarity (TAF; Liu et al. 2023).
 
-    Time is cut into bins of `duration` from the beginning of the events' time on (`Events.start`). The mean times of
-    the latest `depth` bins with events are kept. Their ages at the end (`Events.end`), in bins, become
-    max(0, 1 - log(1 + age) / 8.7), and 0 where there were fewer bins. `state` does the same with a stream.
+    Time is divided into bins of `duration` from `Events.start` on. For each of the latest `depth` bins with events, the
+    mean time of these events is kept. Its age at the end (`Events.end`), in units of `duration`, becomes
+    max(0, 1 - log(1 + age) / 8.7). Values of missing bins are 0. For streams, see `state`.
 
     Args:
         depth: Number of bins kept (default 8).
-        duration: Of a bin in µs (default 10,000).
+        duration: Duration of a bin in µs (default 10,000).
 
     Returns:
-        float32 [2 depth, H, W]. The latest bin comes last, and of each bin OFF before ON, as in the authors' code. The
-        call takes `Events` or a `Recording`.
+        float32 [2 depth, H, W]. The latest bin comes last. Within a bin, OFF comes before ON, as in the authors' code.
+        The call takes `Events` or a `Recording`.
 
     Raises:
         ValueError: A setting isn't a positive integer.
@@ -53,5 +53,5 @@ class TAF:
         return state.tensor()
 
     def state(self, sensor_size: tuple[int, int]) -> FocusState:
-        """Return a state for a stream: `state.update(events)`, `state.tensor()`. Bins begin at the first events."""
+        """Return a state for a stream, with `update(events)` and `tensor()`. Bins begin at the first events."""
         return FocusState(sensor_size, int(self.depth), min(int(self.duration), LATEST))

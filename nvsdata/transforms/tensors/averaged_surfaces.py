@@ -20,21 +20,22 @@ from nvsdata.kernels.represent.surfaces import sum_surfaces
 class HATS:
     """Compute histograms of averaged time surfaces (HATS; Sironi et al. 2018).
 
-    The surface of an event is the sum of exp(-(t_i - t_j) / tau) over earlier events of its polarity within `window`,
-    by their offset (row, column) within `radius`, of its own cell alone (equations 4 and 5). The surfaces of the events
-    of a cell are summed and divided by their number, of both polarities (equation 7). tonic's `ToAveragedTimesurface`
-    also counts the event itself, and divides by the number of events of each polarity.
+    The surface of an event sums exp(-(t_i - t_j) / tau) over earlier events in its cell, of its polarity and not more
+    than `window` earlier, for each offset (row, column) of up to `radius` pixels (equations 4 and 5). The surfaces of
+    all events in a cell are summed, and divided by the number of its events of both polarities (equation 7). tonic's
+    `ToAveragedTimesurface` also counts the event itself, and divides by the number of events of each polarity. The
+    defaults are those of the paper for N-CARS.
 
     Args:
         cell: Side of a cell in pixels, K in the paper (default 10). Cells at the right and at the bottom may be
             smaller.
-        radius: R in the paper, in pixels (default 3).
-        window: Delta t in the paper, in µs (default 100,000).
-        tau: Time constant in µs (default 1e9). The defaults are the paper's for N-CARS.
+        radius: Largest offset in pixels, R in the paper (default 3).
+        window: Duration in µs, Delta t in the paper (default 100,000).
+        tau: Time constant in µs (default 1e9).
 
     Returns:
-        float32 [cells, 2, 2 radius + 1, 2 radius + 1], ON first, with cells row by row, and 0 in cells without events.
-        The call takes `Events` or a `Recording`.
+        float32 [cells, 2, 2 radius + 1, 2 radius + 1], with cells row by row and ON before OFF. Cells without events
+        are 0. The call takes `Events` or a `Recording`.
 
     Raises:
         ValueError: A setting is out of range.
@@ -60,7 +61,7 @@ class HATS:
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
         events = events_inside(sample)
         size, cell, radius = events.sensor_size, int(self.cell), int(self.radius)
-        # of each pixel
+        # kernel state of each pixel
         kept, epochs, members = (zeros(size, (2, *size[::-1]), kind) for kind in (np.float64, np.int64, np.int64))
         cells, side = math.prod(-(-pixels // cell) for pixels in size), 2 * radius + 1
         sums, counts = zeros(size, (cells, 2, side, side), np.float64), zeros(size, (cells,), np.int64)

@@ -18,15 +18,15 @@ from nvsdata.transforms.tensors.event_frames import ToFrames
 class BagOfEvents:
     """Compute the frequency of events at each pixel, in segments of `count` events (Peng et al. 2017).
 
-    Polarities count alike. The authors multiply the frequencies by the information of a pixel's events, which is
-    learned from the training set: see `bag_weights`.
+    ON and OFF events count alike. The authors multiply the frequencies by the information of events at the pixel, which
+    `bag_weights` computes from the training set.
 
     Args:
-        count: Events of a segment (default 300, as in the authors' code).
+        count: Number of events in a segment (default 300, as in the authors' code).
 
     Returns:
-        float32 [S, H, W], each of which sums to 1, for S complete segments. The events after them are left out. The
-        call takes `Events` or a `Recording`.
+        float32 [S, H, W] for S complete segments; each [H, W] sums to 1. The events after the last complete segment are
+        left out. The call takes `Events` or a `Recording`.
 
     Raises:
         ValueError: `count` isn't a positive integer.
@@ -52,12 +52,12 @@ class BagOfEvents:
 
 
 def bag_weights(bags: Iterable[torch.Tensor]) -> torch.Tensor:
-    """Compute the information of each pixel's events, by which bags are multiplied: log(S / (n + 1)).
+    """Compute the information of events at each pixel, log(S / (n + 1)), by which bags are multiplied.
 
-    S is the number of all segments, and n that of the segments in which the pixel has events.
+    S is the number of all segments, and n the number of segments in which the pixel has events.
 
     Args:
-        bags: Those of the training set, [S_i, H, W] each, read once.
+        bags: Bags of the training set, [S_i, H, W] each. They are iterated over once.
 
     Returns:
         float32 [H, W].

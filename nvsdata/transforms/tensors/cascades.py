@@ -19,18 +19,20 @@ from nvsdata.transforms.rng import generator
 class FilterCascade:
     """Compute the output of a cascade of delayed filters (Amir et al. 2017; thesis, section 2.1.2).
 
-    Filter k = 1, 2, ... receives the events k ticks late. Its neurons, one per pixel and polarity, are set to 1 by an
-    event, leak at a constant rate to 0 within `decay` ticks, and put out an event with this probability. The output is
-    that of the tick after the end of the events' time (`Events.end`). Ticks begin at `Events.start`.
+    Filter k = 1, 2, ... receives the events k ticks late. It has one neuron per pixel and polarity. An event sets the
+    neuron to 1; then its value decays at a constant rate to 0 within `decay` ticks. At each tick, the value is the
+    probability of an output event. The result is the output at the tick after the one that contains `Events.end`.
+    The first tick begins at `Events.start`.
 
     Args:
         filters: Number of filters, K in the paper (default 6).
-        tick: In µs (default 1,000).
-        decay: In ticks, at least 1 (default 1.0, without randomness: each filter shows the events of its tick).
+        tick: Duration of a tick in µs (default 1,000).
+        decay: Number of ticks, at least 1 (default 1.0: there is no randomness, and each filter outputs the events of
+            its tick).
 
     Returns:
-        float32 [2 filters, H, W], 0 or 1, the least delayed filter first, of each ON first. The call takes `Events` or
-        a `Recording`.
+        float32 [2 filters, H, W], 0 or 1. The least delayed filter comes first; within a filter, ON comes first. The
+        call takes `Events` or a `Recording`.
 
     Raises:
         ValueError: A setting is out of range.

@@ -1,4 +1,4 @@
-"""Frames of events: counts or summed polarity at each pixel, in parts of their time or of their number."""
+"""Frames of events: counts or summed polarity at each pixel, by duration or by number of events."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ Number = Literal["float32", "int16", "uint8"]
 class ToFrames:
     """Divide events into frames. Exactly one of `bins`, `duration`, `count` and `fps` must be given.
 
-    Each event is in exactly one frame, and there is at least one frame. Frames are half open in time, and the last one
-    is closed. The frames of thesis equation 3.18 are `ToFrames(fps=30, values="sum", factor=8)`.
+    Each event is in exactly one frame, and there is at least one frame. A frame includes its start but not its end; the
+    last one includes both. The frames of equation 3.18 of the thesis are `ToFrames(fps=30, values="sum", factor=8)`.
 
     Args:
-        bins: Number of frames, of equal duration, over the time of the events (`Events.start` to `end`).
-        duration: Of a frame in µs, from `Events.start` on. The last frame may end after the events.
-        count: Events per frame. The last frame has those left over.
-        fps: Frames per second, from `Events.start` on. Here the end of a frame belongs to it and its beginning doesn't,
-            because an emulator's events of a video frame may occur exactly at its time.
+        bins: Number of frames of equal duration, from `Events.start` to `Events.end`.
+        duration: Duration of a frame in µs, from `Events.start` on. The last frame may end after the events.
+        count: Number of events per frame. The last frame has the remaining ones.
+        fps: Frames per second, from `Events.start` on. In this case, a frame includes its end but not its start,
+            because an emulator's events of a video frame may occur exactly at the time of the video frame.
         values: "count" (default), the numbers of ON and of OFF events; "binary", 1 where there are any; "sum", the sum
             of polarities, ON as +1 and OFF as -1.
-        dtype: "float32" (default), or "int16" or "uint8", which take a half or a quarter of the memory. Numbers beyond
-            their range stay at its end, and uint8 has no "sum".
-        factor: Averages over `factor` x `factor` pixels (default 1: none), for float32 sums. Cells at the right and at
-            the bottom may be smaller.
+        dtype: "float32" (default), or "int16" or "uint8", which take a half or a quarter of the memory. Numbers are
+            clipped to the range of the type. "uint8" can't represent a "sum".
+        factor: Side in pixels of the cells over which float32 sums are averaged (default 1: no average). Cells at the
+            right and at the bottom may be smaller.
 
     Returns:
         [T, 2, H, W], ON first; for "sum" [T, H, W]. The call takes `Events` or a `Recording`.

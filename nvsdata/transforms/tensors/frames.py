@@ -17,7 +17,7 @@ from nvsdata.transforms.tensors.image import center_square, check_image
 
 @dataclass(frozen=True)
 class RandomTemporalCrop:
-    """Cut `length` consecutive frames at a random place.
+    """Cut `length` consecutive frames at a random time.
 
     Args:
         length: Number of frames (default 160, as in the thesis). Three can replace the channels of a color image.
@@ -121,7 +121,7 @@ class MotionCrop:
 class FourCrops:
     """Cut the squares used for testing in the thesis.
 
-    In this order: the most active square (`MotionCrop`), the same mirrored, the center, the same mirrored.
+    The order is: the most active square (`MotionCrop`), the same mirrored, the central square, the same mirrored.
 
     Args:
         size: Side in pixels (default 24).
@@ -159,7 +159,7 @@ class FourCrops:
 class MedianDenoise:
     """Replace each pixel by the median of itself and its neighbors to the right, below and diagonally below.
 
-    The median of four values is the mean of the two in the middle, so an isolated spike is removed. Borders are
+    The median of four values is the mean of the two middle ones, so an isolated spike is removed. Borders are
     replicated.
 
     Returns:
@@ -185,7 +185,7 @@ class MedianDenoise:
 def _most_active(frames: torch.Tensor, size: int) -> torch.Tensor:
     check_image(frames)
     if min(frames.shape[-2:]) < size:
-        raise ValueError(f"frames of {frames.shape[-1]}x{frames.shape[-2]} hold no square of {size}")
+        raise ValueError(f"frames of {frames.shape[-1]}x{frames.shape[-2]} contain no square of {size}")
     activity = frames.abs().reshape(-1, *frames.shape[-2:]).sum(0, dtype=torch.float64)
     # sums of all squares by an integral image
     total = F.pad(activity.cumsum(0).cumsum(1), (1, 0, 1, 0))

@@ -1,4 +1,4 @@
-"""Stacks of histograms: of equal parts of time, and of ever longer ones."""
+"""Stacks of histograms: of equal parts of time, and of parts that double in length."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ from nvsdata.kernels.represent.frames import counted, counted_by_polarity
 class StackedHistogram:
     """Count events in equal parts of time (RVT; Gehrig & Scaramuzza 2023).
 
-    The bins cover the time from the first event to the last, half open, the last one closed.
+    The bins divide the time from the first event to the last into equal parts. A bin includes its start but not its
+    end; the last one includes both.
 
     Args:
         bins: Number of parts (default 10).
-        most: Larger counts become this (default 10).
+        most: Maximum to which counts are clipped (default 10).
 
     Returns:
         float32 [2 bins, H, W] (RVT stores uint8), all bins of OFF, then all of ON. The call takes `Events` or a
@@ -61,8 +62,8 @@ class StackedHistogram:
 class MixedDensityStack:
     """Sum polarity over parts of time of increasing length (Nam et al. 2022, as in RVT).
 
-    Channel i has the events before 2^(i + 1 - bins) of the time from the first event to the last; the last channel has
-    all events.
+    Channel i, counted from 0, sums the first 2^(i + 1 - bins) of the time from the first event to the last. The last
+    channel has all events.
 
     Args:
         bins: Number of channels, at most 60 (default 10).

@@ -30,8 +30,8 @@ class EventImage:
     """Count the ON and OFF events of each pixel (thesis, section 4.4.4).
 
     Returns:
-        float32 [2, H, W], ON first. The call takes `Events` or a `Recording`. Of a sequence of S `Events`, such as
-        `RandomWindows` returns, the result is [2, S, H, W], for 3D CNNs (thesis, section 5.3.1).
+        float32 [2, H, W], ON first. The call takes `Events` or a `Recording`. For a sequence of S `Events`, such as
+        `RandomWindows` returns, the result is [2, S, H, W], the input of 3D CNNs (thesis, section 5.3.1).
 
     Raises:
         ValueError: The sequence is empty, or its sensors differ.
@@ -62,10 +62,10 @@ class Resize(SpatialTransform):
     """Scale so that the smaller side has `size` pixels; keep the aspect ratio. Images are interpolated bilinearly.
 
     Args:
-        size: Of the smaller side in pixels (default 256, as in the thesis).
+        size: Length of the smaller side in pixels (default 256, as in the thesis).
 
     Returns:
-        Images [..., H, W] as images, `Events` (also of a `Recording`) or a list of them as events of such a sensor.
+        Images or `Events`. The call takes images [..., H, W]; or `Events`, a `Recording` or a list of these.
 
     Raises:
         ValueError: `size` isn't a positive integer, or a sensor would have more than 32,767 pixels along an axis.
@@ -90,16 +90,16 @@ class Resize(SpatialTransform):
 
 @dataclass(frozen=True)
 class RandomCrop(SpatialTransform):
-    """Cut a square at a random place, and scale it to `size`.
+    """Cut a square at a random position, and scale it to `size`.
 
     Args:
         size: Side of the result in pixels (default 224, as in the thesis, section 4.4.4).
-        scales: Factors, of which one is drawn: the square that is cut has a side of `size` times the factor (default
+        scales: Factors, one of which is sampled: the square that is cut has a side of `size` times the factor (default
             (1.0,)). The thesis, section 3.5, uses (0.5, 0.667, 0.833, 1.0).
 
     Returns:
-        Images [..., H, W] as images [..., size, size], `Events` (also of a `Recording`) or a list of them, which get
-        the same square, as events.
+        Images [..., size, size] or `Events`. The call takes images [..., H, W]; or `Events`, a `Recording` or a list of
+        these, from which the same square is cut.
 
     Raises:
         ValueError: A setting isn't positive, or the image is smaller than the square.
@@ -139,13 +139,14 @@ class RandomCrop(SpatialTransform):
 
 @dataclass(frozen=True)
 class CenterCrop(SpatialTransform):
-    """Cut the square in the middle.
+    """Cut the central square.
 
     Args:
         size: Side in pixels (default 224).
 
     Returns:
-        Images [..., H, W] as images [..., size, size], `Events` (also of a `Recording`) or a list of them as events.
+        Images [..., size, size] or `Events`. The call takes images [..., H, W]; or `Events`, a `Recording` or a list of
+        these.
 
     Raises:
         ValueError: `size` isn't a positive integer, or the image is smaller than the square.
@@ -173,7 +174,7 @@ class Normalize:
     """Subtract the mean of all values, and divide by their standard deviation (thesis, section 3.5.1).
 
     Returns:
-        A tensor of the same shape, which may be any shape. A constant image becomes 0.
+        A tensor of the same shape. A constant image becomes 0. The call takes a tensor of any shape.
 
     Raises:
         TypeError: The call gets anything but a tensor of floating-point numbers.
@@ -205,7 +206,7 @@ def check_image(image: Any, axes: int = 2, *, floats: bool = False) -> None:
 
 
 def center_square(image: Image, size: int) -> Image:
-    """Return the square in the middle; see `CenterCrop`."""
+    """Return the central square; see `CenterCrop`."""
     width, height = _with_room(image, size)
     return _square(image, (width - size) // 2, (height - size) // 2, size)
 

@@ -21,8 +21,8 @@ class FourChannels:
     """Compute the numbers of ON and of OFF events, and the times of the last ON and OFF event (Zhu et al. 2018).
 
     Returns:
-        float32 [4, H, W], the image of EV-FlowNet. Times are fractions of the events' time: 0 at `Events.start`, 1 at
-        `Events.end`, and 0 without event. The call takes `Events` or a `Recording`.
+        float32 [4, H, W], the input of EV-FlowNet. Times are scaled to 0 at `Events.start` and 1 at `Events.end`, and
+        are 0 for pixels without events. The call takes `Events` or a `Recording`.
 
     Example:
         >>> from nvsdata import Events, transforms as T
@@ -44,17 +44,17 @@ class FourChannels:
 class TORE:
     """Compute logarithms of the ages of the `k` latest events of each pixel and polarity (TORE; Baldwin et al. 2022).
 
-    They are log(age + 1) - log(`shortest` + 1) at the end of the events' time (`Events.end`), at least 0. Ages above
-    `longest`, and those of missing events, count as `longest`. `state` does the same with a stream.
+    The values are log(age + 1) - log(`shortest` + 1), at least 0, with ages in µs at `Events.end`. Ages above
+    `longest`, and those of missing events, count as `longest`. For streams, see `state`.
 
     Args:
-        k: Events of each pixel and polarity (default 3).
-        shortest: In µs (default 150, as in the authors' code).
-        longest: In µs (default 5,000,000, as in the authors' code).
+        k: Number of events of each pixel and polarity (default 3).
+        shortest: Age in µs up to which values are 0 (default 150, as in the authors' code).
+        longest: Largest age in µs (default 5,000,000, as in the authors' code).
 
     Returns:
-        float32 [2 k, H, W]. ON comes first, of each polarity the latest event. The call takes `Events` or a
-        `Recording`.
+        float32 [2 k, H, W]. ON comes first; within a polarity, the latest event comes first. The call takes `Events` or
+        a `Recording`.
 
     Raises:
         ValueError: A setting is out of range.
@@ -88,7 +88,7 @@ class TORE:
         return torch.from_numpy(out).flatten(0, 1)
 
     def state(self, sensor_size: tuple[int, int]) -> LatestState:
-        """Return a state for a stream: `state.update(events)`, `state.tensor()` is [2 k, H, W]."""
+        """Return a state for a stream: `update(events)` takes the next events, `tensor()` returns [2 k, H, W]."""
         k, least, most = int(self.k), np.log1p(float(self.shortest)), np.log1p(float(self.longest))
 
         def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:

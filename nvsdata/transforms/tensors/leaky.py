@@ -17,7 +17,7 @@ from nvsdata.transforms.tensors.states import LeakyState
 class LeakyFrame:
     """Add each event to its pixel, and let all pixels decay at a constant rate, not below 0 (Cannici et al. 2018).
 
-    Polarities count alike. `state` does the same with a stream.
+    ON and OFF events count alike. For streams, see `state`.
 
     Args:
         leak: Decrease of the values per µs (default 1 / 50,000).
@@ -51,5 +51,5 @@ class LeakyFrame:
         return state.tensor()
 
     def state(self, sensor_size: tuple[int, int]) -> LeakyState:
-        """Return a state for a stream: `state.update(events)` takes the next events, `state.tensor()` is [1, H, W]."""
+        """Return a state for a stream: `update(events)` takes the next events, `tensor()` returns [1, H, W]."""
         return LeakyState(sensor_size, self.leak, self.increment)

@@ -22,16 +22,16 @@ class DART:
 
     The `queue` latest events up to the event, itself included, are counted. Rings are at equal distances in the
     logarithm of the radius from `nearest` to `furthest`, wedges at equal angles from the x axis on, towards y. An event
-    is divided between the two nearest rings and the two nearest wedges; what is nearer than `nearest` is on the first
+    is divided between the two nearest rings and the two nearest wedges; events nearer than `nearest` are on the first
     ring. A descriptor sums to 1, so fast motion and strong contrast, which cause more events, don't change it. Polarity
-    doesn't count. The default sizes are ours, as those in the paper depend on the task.
+    is ignored. The default sizes are ours, because those in the paper depend on the task.
 
     Args:
         rings: Number of rings (default 7).
         wedges: Number of wedges (default 12).
         nearest: Radius of the first ring in pixels (default 1.0).
         furthest: Radius of the last ring in pixels (default 10.0).
-        queue: Number of events (default 2,000).
+        queue: Number of latest events that are counted (default 2,000).
 
     Returns:
         float32 [N, rings wedges] for N events. The call takes `Events` or a `Recording`.
@@ -74,7 +74,7 @@ class DART:
 
 @cache
 def _weights(rings: int, wedges: int, nearest: float, furthest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the offsets dx and dy on the grid, and the weights with which an event there adds to each bin."""
+    """Return the offsets dx and dy in pixels, and the weights with which an event at each offset adds to each bin."""
     reach = int(furthest)
     dy, dx = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     radius = np.hypot(dx, dy)

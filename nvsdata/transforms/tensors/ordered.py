@@ -36,15 +36,16 @@ CHANNELS = (
 class ERGO12:
     """Compute twelve measures of the events of each pixel, selected by a search (ERGO-12; Zubic et al. 2023).
 
-    Each measure is that of a part of the events, by their number. Times are scaled to 0..1 over all events. In order:
-    variance of the polarity ±1 (all events), variance of OFF times (third third), 1 where there are OFF events (second
-    third), sum of the polarity (last eighth), 1 where there are ON events (last quarter), number of events (last
-    eighth), mean ON time (second third), 1 where there are OFF events (last quarter), latest OFF time (first third),
-    latest ON time (all events), latest time (last half), 1 where there are events (first third).
+    A channel is a measure of the part of the events that is given here in parentheses; parts are by number of events.
+    Times are scaled to 0..1 over all events. The channels are: variance of the polarity ±1 (all events), variance of
+    OFF times (third third), 1 where there are OFF events (second third), sum of the polarity (last eighth), 1 where
+    there are ON events (last quarter), number of events (last eighth), mean ON time (second third), 1 where there are
+    OFF events (last quarter), latest OFF time (first third), latest ON time (all events), latest time (last half), 1
+    where there are events (first third).
 
     Returns:
-        float32 [12, H, W], 0 where there are no such events. (The authors' code then multiplies by 255.) The call takes
-        `Events` or a `Recording`.
+        float32 [12, H, W], 0 at pixels without events in the part. The authors' code also multiplies by 255. The call
+        takes `Events` or a `Recording`.
 
     Example:
         >>> from nvsdata import Events, transforms as T

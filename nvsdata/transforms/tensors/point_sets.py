@@ -14,16 +14,16 @@ from nvsdata.transforms.rng import generator
 
 @dataclass(frozen=True)
 class Points:
-    """Draw events at random, as points in order of time.
+    """Sample events at random, as points in order of time.
 
-    No event is drawn twice unless there are fewer than `count`. With as many as there are events, each is drawn once.
+    No event is sampled twice unless there are fewer than `count` events.
 
     Args:
         count: Number of points (default 1024).
 
     Returns:
         float32 [count, 4]: x, y and t in [0, 1] and polarity ±1. x and y are relative to the sensor's size; t is 0 at
-        the first event and 1 at the last. Without any events, the result is 0. The call takes `Events` or a
+        the first event and 1 at the last. Without events, all values are 0. The call takes `Events` or a
         `Recording`.
 
     Raises:

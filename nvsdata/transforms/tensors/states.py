@@ -12,7 +12,7 @@ from nvsdata.data.events import LATEST, Events, check_inside, check_sensor_size
 from nvsdata.kernels.represent.latest import ages_of_bins, leak_into, push_times, queue_bins
 
 Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Function from ages in µs [2, k, H, W], and the mask of the events that there were, to a representation."""
+"""Function that converts ages of events in µs [2, k, H, W], and a mask of the known ages, to a representation."""
 
 
 class _State:
@@ -37,8 +37,8 @@ class _State:
             )
         check_inside(events)
         if self.latest is not None and len(events) and events.t[0] < self.latest:
-            raise ValueError(f"events at {events.t[0]} µs come after a state at {self.latest} µs")
-        # no events, and no time range either: nothing is known about the time
+            raise ValueError(f"events at {events.t[0]} µs are earlier than the state, at {self.latest} µs")
+        # without events and without a stated time range, the time is unknown
         if len(events) or events.stated_end is not None:
             self.latest = events.end if self.latest is None else max(events.end, self.latest)
 
@@ -46,7 +46,7 @@ class _State:
         if at is None:
             return self.latest or 0
         if self.latest is not None and at < self.latest:
-            raise ValueError(f"the state is at {self.latest} µs and doesn't keep what it was at {at} µs")
+            raise ValueError(f"the state is at {self.latest} µs; its earlier value at {at} µs isn't stored")
         return at
 
 
@@ -116,7 +116,7 @@ class FocusState(_State):
     Args:
         sensor_size: (width, height) in pixels.
         depth: Number of bins.
-        duration: Of a bin in µs.
+        duration: Duration of a bin in µs.
     """
 
     def __init__(self, sensor_size: tuple[int, int], depth: int, duration: int) -> None:

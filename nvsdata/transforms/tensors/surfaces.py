@@ -23,8 +23,8 @@ Polarity = Literal["own", "both"]
 class TimeSurface:
     """Compute exp(-(T - t) / tau), with t the time of the last event of each pixel and polarity, and 0 without event.
 
-    The exponential kernel is that of HOTS (Lagorce et al. 2017, equation 3), on the entire sensor. `state` does the
-    same with a stream.
+    The exponential kernel is that of HOTS (Lagorce et al. 2017, equation 3), on the entire sensor. For streams, see
+    `state`.
 
     Args:
         tau: Time constant in µs (default 50,000).
@@ -68,7 +68,7 @@ class TimeSurface:
         return torch.from_numpy(out if self.every is not None else out[0])
 
     def state(self, sensor_size: tuple[int, int]) -> LatestState:
-        """Return a state for a stream: `state.update(events)` takes the next events, `state.tensor()` is [2, H, W]."""
+        """Return a state for a stream: `update(events)` takes the next events, `tensor()` returns [2, H, W]."""
 
         def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
             return np.where(known, np.exp(-np.where(known, ages, 0) / self.tau), 0)[:, 0]
@@ -80,14 +80,14 @@ class TimeSurface:
 class EventSurfaces:
     """Compute the time surface around each event.
 
-    It is exp(-(t_i - t) / tau), with t the time of the last event at each pixel up to event i, whose own value in the
-    middle is 1. It is 0 where there was no event, and beyond the sensor. HOTS (Lagorce et al. 2017, equations 2 and 3)
-    has a surface for each polarity: `polarity="both"`.
+    The surface is exp(-(t_i - t) / tau), with t the time of the last event at each pixel up to event i. It is 1 at the
+    center, where event i is, and 0 at pixels without events and beyond the sensor. HOTS (Lagorce et al. 2017, equations
+    2 and 3) has a surface for each polarity: `polarity="both"`.
 
     Args:
-        radius: Pixels around the event, R in HOTS (default 2).
+        radius: Distance in pixels from the center to the border of the square surface, R in HOTS (default 2).
         tau: Time constant in µs (default 50,000).
-        polarity: "own" (default) is the surface of the event's own polarity, "both" has one for each.
+        polarity: "own" (default) for the surface of the event's own polarity, "both" for one surface per polarity.
 
     Returns:
         float32 [N, 2 radius + 1, 2 radius + 1] for N events, or [N, 2, 2 radius + 1, 2 radius + 1], ON first. The call

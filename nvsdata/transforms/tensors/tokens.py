@@ -19,12 +19,13 @@ from nvsdata.kernels.represent.measures import tokens
 class GroupTokens:
     """Group events by time and polarity into tokens, one per patch (GET; Peng et al. 2023).
 
-    Channels are those of the first part of the time, OFF and ON, then of the second, and so on. Each group has the
-    number of events at each pixel of the patch, row by row, then the sum of their times, from 0 at the first event to 1
-    at the last. If patches divide the sensor evenly, the result equals that of the authors' code.
+    The time from the first event to the last is divided into equal parts, each with a group of OFF and a group of ON
+    events. The channels of a group are the number of events at each pixel of the patch, row by row, then the sum of
+    their times, from 0 at the first event to 1 at the last. If patches divide the sensor evenly, the result equals that
+    of the authors' code.
 
     Args:
-        groups: Twice the number of parts of the time (default 12).
+        groups: Number of groups, twice the number of parts (default 12).
         patch: Side of a patch in pixels (default 4).
 
     Returns:

@@ -20,13 +20,14 @@ Interpolation = Literal["linear", "nearest"]
 class VoxelGrid:
     """Sum polarity ±1 in B bins of time, divided between the two nearest bins (Zhu et al. 2019, equations 1 and 2).
 
-    Time is scaled so that the first event lies at bin 0 and the last one at bin B - 1: t* = (B - 1) (t - t_1) /
+    Time is scaled so that the first event is at bin 0 and the last one at bin B - 1: t* = (B - 1) (t - t_1) /
     (t_N - t_1), and an event adds p max(0, 1 - |b - t*|) to bin b. If all events are at one time, they are in bin 0.
-    tonic scales to B, and loses what lies beyond B - 1.
+    tonic scales time to B, and loses the parts of events that are beyond B - 1.
 
     Args:
-        bins: B.
-        interpolation: "linear" (default), or "nearest": an event goes to the nearest bin, of two the later one.
+        bins: Number of bins B.
+        interpolation: "linear" (default), or "nearest": an event is added to the nearest bin, and to the later one of
+            two equally near bins.
 
     Returns:
         float32 [B, H, W]. The call takes `Events` or a `Recording`.
