@@ -61,7 +61,7 @@ def confusion_matrix(predicted: npt.ArrayLike, targets: npt.ArrayLike, classes: 
     """Count the samples of each true class (row) and predicted class (column).
 
     Args:
-        predicted: Predicted classes, int [N]. Samples of -1 are left out.
+        predicted: Predicted classes, int [N]. Samples with -1 are left out.
         targets: True classes, int [N].
         classes: Number of classes.
 
@@ -113,6 +113,9 @@ def calibration(confidence: npt.ArrayLike, right: npt.ArrayLike, bins: int = BIN
         right: 1 (True) for each correct prediction, [N].
         bins: Number of bins of equal width (default 15). A bin contains its upper bound; the first one contains 0, too.
 
+    Returns:
+        A `Calibration`.
+
     Raises:
         ValueError: If there are no samples, if shapes differ, if a confidence is out of range, or for less than one
             bin.
@@ -140,14 +143,14 @@ def calibration(confidence: npt.ArrayLike, right: npt.ArrayLike, bins: int = BIN
 def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike, level: float = 0.95) -> list[Accuracy]:
     """Return the accuracy if 1, 2, ... of the windows of a recording vote.
 
-    A vote sums the log-probabilities of the first windows, in some order. The result is the mean over rounds and over
-    at least 20 orders. Each window comes first in equally many orders, so the results for one window and for all
-    windows are exact.
+    A vote of k windows sums the log-probabilities of the first k windows in some order. The result is the mean over
+    rounds and over at least 20 orders. Each window comes first in equally many orders, so the results for one window
+    and for all windows are exact.
 
     Args:
         voters: Log-probabilities [rounds, windows, N, classes].
         targets: True classes [N].
-        level: Fraction of the intervals that contain the true accuracy (default 0.95).
+        level: Fraction of such intervals that contain the true accuracy (default 0.95).
 
     Returns:
         An `Accuracy` for each number of windows.
@@ -173,7 +176,7 @@ def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike, level: floa
             total += given[:, window]
             right[k, n] = (total.argmax(-1) == wanted) & ~np.isnan(total).any(-1)
     means = right.mean((1, 2))
-    # votes of k windows that share none
+    # `windows // k` votes of k windows have no window in common
     return [wilson_interval(means[k - 1], len(given) * (windows // k), level) for k in range(1, windows + 1)]
 
 

@@ -1,4 +1,4 @@
-"""Distances between emulated and real events (thesis 3.3.1 to 3.3.3), and the score that combines them (3.3.4)."""
+"""Distances between emulated and real events, and the score that combines them (thesis, section 3.3)."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Comparison:
     Args:
         chamfer: Chamfer distance from emulated spikes to real ones.
         repeatability: Epsilon repeatability of emulated spikes.
-        emd: Earth mover's distance; it is the same both ways.
+        emd: Earth mover's distance, which is the same in both directions.
         chamfer_back: Chamfer distance from real spikes to emulated ones.
         repeatability_back: Epsilon repeatability of real spikes.
         emulated_events: Numbers of emulated OFF and ON events in the time that both sequences cover.
@@ -86,15 +86,15 @@ class Comparison:
     def values(self) -> tuple[float, float, float]:
         """1 - repeatability, Chamfer distance and EMD, the input of `score` as in the thesis.
 
-        Smaller is better for all three. Emulated events that are missing don't increase them.
+        Smaller is better for all three. Missing emulated events don't increase these distances.
         """
         return 1 - self.repeatability.value, self.chamfer.value, self.emd.value
 
     @property
     def values_both_ways(self) -> tuple[float, ...]:
-        """The same distances, the first two as means of both ways, and `counts_apart`.
+        """The distances of `values`, the first two as means over both directions, and `counts_apart`.
 
-        Emulated events that are missing increase these.
+        Missing emulated events increase these distances.
         """
         repeated = (self.repeatability.value + self.repeatability_back.value) / 2
         chamfer = (self.chamfer.value + self.chamfer_back.value) / 2
@@ -116,7 +116,7 @@ def chamfer(
     offset: int = 0,
     weight: float = LAMBDA,
 ) -> Distance:
-    """Return the mean distance from each emulated spike to the nearest real one (thesis eqs. 3.11, 3.12).
+    """Return the mean distance from each emulated spike to the nearest real one (thesis, eqs. 3.11, 3.12).
 
     A spike is a pixel whose polarities in a frame don't sum to 0. The distance is Euclidean in (x, y, lambda P_sigma),
     where P_sigma is that sum.
@@ -126,7 +126,7 @@ def chamfer(
         real: Real events, of a sensor of the same size.
         fps: Frames per second; None (default) takes the entire sequence as one frame.
         offset: µs that are added to the times of `real` (default 0).
-        weight: lambda (default sqrt(3)).
+        weight: Weight lambda (default sqrt(3)).
 
     Raises:
         ValueError: If the sensors differ, or a setting is out of range.
@@ -147,7 +147,7 @@ def epsilon_repeatability(
     offset: int = 0,
     epsilon: float = EPSILON,
 ) -> Distance:
-    """Return the fraction of emulated spikes with a real spike of the same sign nearby (thesis eqs. 3.13, 3.14).
+    """Return the fraction of emulated spikes with a real spike of the same sign nearby (thesis, eqs. 3.13, 3.14).
 
     Larger values mean that the sequences are closer.
 
@@ -178,13 +178,13 @@ def emd(
     blocks: int = BLOCKS,
     cell: int = 1,
 ) -> Distance:
-    """Return the earth mover's distance of |P_sigma|, summed over a grid of blocks (thesis eqs. 3.15 to 3.17).
+    """Return the earth mover's distance of |P_sigma|, summed over a grid of blocks (thesis, eqs. 3.15 to 3.17).
 
-    Surplus mass on one side isn't moved (partial matching). A block without spikes on one side adds 0.
+    Surplus mass of one sequence isn't moved (partial matching). A block without spikes of one sequence adds 0.
 
     The run time grows faster than the square of the number of spikes in a block. With `cell` above 1, the spikes of
-    each cell of `cell` x `cell` pixels are moved together, from their center of mass. The result's `bound` is the work
-    of gathering them there: the exact distance is within `value` ± `bound`.
+    each cell of `cell` x `cell` pixels are moved together, from their center of mass. The `bound` of the result is the
+    work of moving them to this center: the exact distance is within `value` ± `bound`.
 
     Args:
         emulated: Emulated events.
@@ -216,11 +216,11 @@ def compare(
     epsilon: float = EPSILON,
     blocks: int = BLOCKS,
 ) -> Comparison:
-    """Return all distances between two sequences (thesis 3.3.1 to 3.3.3), in both directions, and event counts.
+    """Return all distances between two sequences (thesis, section 3.3), in both directions, and event counts.
 
     Both sequences are cut into frames, up to the end of the longer one. In each frame, polarity is summed at each
     pixel; a sum other than 0 is a spike. Times of each sequence count from its `start`, which is the time of its first
-    event unless it was cut or emulated, or its file states another one.
+    event unless the sequence was cut or emulated, or its file states another start.
 
     Args:
         emulated: Emulated events.
@@ -258,7 +258,7 @@ def event_counts(events: Events, begin: int, end: int) -> tuple[int, int]:
 
 
 def score(distances: npt.ArrayLike) -> np.ndarray:
-    """Return the weighted score of each of several settings (thesis 3.3.4): the mean of its normalized distances.
+    """Return the weighted score of each setting: the mean of its normalized distances (thesis, section 3.3.4).
 
     Each kind of distance is divided by its L2 norm over all settings.
 
@@ -270,7 +270,7 @@ def score(distances: npt.ArrayLike) -> np.ndarray:
         float64 [settings]; NaN for a setting with NaN. A distance that is 0 for all settings adds 0.
 
     Raises:
-        ValueError: If the shape is another.
+        ValueError: If `distances` has another number of axes.
 
     Example:
         >>> score([[0.3, 4.0], [0.4, 3.0]]).round(2).tolist()

@@ -54,7 +54,7 @@ def accuracy(right: npt.ArrayLike, level: float = 0.95) -> Accuracy:
 
     Windows of one recording are correlated. With several predictions per recording, the number of recordings is
     therefore replaced by an effective one: the number of independent predictions with the variance that the recordings
-    show (Kish 1965, section 8.2). It lies between the number of recordings and that of predictions.
+    show (Kish 1965, section 8.2). It is between the number of recordings and that of predictions.
 
     Args:
         right: 1 (True) for each correct prediction, [N] or [..., N] for several predictions of each of N recordings.
@@ -79,7 +79,7 @@ def wilson_interval(values: np.ndarray, independent: int, level: float) -> Accur
 
     Args:
         values: Fraction of each recording's predictions that are correct, [N].
-        independent: Most predictions of a recording that can be independent.
+        independent: Largest number of predictions of a recording that can be independent.
         level: Fraction of such intervals that contain the true accuracy.
     """
     z = _quantile(level)
@@ -89,7 +89,7 @@ def wilson_interval(values: np.ndarray, independent: int, level: float) -> Accur
     count = values.size / min(max(ratio, 1 / independent), 1.0)
     center = (mean + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * np.sqrt(variance / count + (z / (2 * count)) ** 2)
-    # with all predictions right, or all wrong, one end is the accuracy itself, but for rounding
+    # with all predictions right, or all wrong, one end is the accuracy itself, except for rounding errors
     return Accuracy(float(mean), float(center - half) if mean > 0 else 0.0, float(center + half) if mean < 1 else 1.0)
 
 
@@ -98,11 +98,11 @@ def paired_test(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95
 
     The test is exact: it counts in how many of all exchanges of the two classifiers' results, recording by recording,
     the difference is at least as large. With one prediction per recording it is McNemar's exact test. The interval is
-    that of Bonett and Price (2012): Wald's with one recording added in favor of each.
+    that of Bonett and Price (2012): Wald's interval with one recording added in favor of each classifier.
 
     Args:
         first: 1 (True) for each correct prediction, [N] or [..., N] for several predictions of each of N recordings.
-        second: The same of the other classifier, with the same shape.
+        second: The same for the other classifier, with the same shape.
         level: Fraction of such intervals that contain the true difference (default 0.95).
 
     Returns:
@@ -133,7 +133,7 @@ def _exchanges(gains: np.ndarray) -> float:
     """Return the fraction of all choices of signs for which |sum of gains| is at least that of the given signs."""
     sizes = np.abs(gains[gains != 0])
     chances = np.ones(1)
-    # the distribution of the sum, by steps of 2 from -sizes.sum()
+    # distribution of the sum, in steps of 2 from -sizes.sum() on
     for size, times in zip(*np.unique(sizes, return_counts=True), strict=True):
         of_size = np.zeros(size * times + 1)
         k = np.arange(times + 1)

@@ -1,7 +1,6 @@
-"""Spikes of a frame (polarity summed at each position, P_sigma of thesis section 3.3), and measures between them.
+"""Spikes of a frame (polarity summed at each pixel, P_sigma in section 3.3 of the thesis), and measures between them.
 
-A measure takes emulated spikes, real spikes and the sensor's size. It returns a distance, and how far this may be from
-the exact one.
+A measure takes emulated spikes, real spikes and the sensor's size. It returns a distance and the bound of its error.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ class Spikes(NamedTuple):
     y: np.ndarray
     total: np.ndarray
 
-    def __len__(self) -> int:  # number of spikes; a NamedTuple's own would count the columns
+    def __len__(self) -> int:  # number of spikes; the inherited method would count the columns
         return int(self.x.size)
 
     def take(self, mask: np.ndarray) -> Spikes:
@@ -74,7 +73,7 @@ def repeatability_measure(epsilon: float) -> Measure:
     not_negative("epsilon", epsilon)
 
     def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> tuple[float, float]:
-        # no two pixels are this far apart, and spikes of different signs (2 apart) are even farther
+        # larger than the distance of any two pixels; the distance of spikes of different signs (2 apart) is even larger
         furthest = float(sum(size))
         squared = _largest_square(min(epsilon, furthest))
         signs = np.sign(a.total), np.sign(b.total)
@@ -115,7 +114,7 @@ def _block(spikes: Spikes, size: tuple[int, int], side: int) -> np.ndarray:
 
 
 def _emd_of(a: Spikes, b: Spikes, width: int, cell: int) -> tuple[float, float]:
-    """Return eq. (3.16) of a block with spikes on both sides, and the bound of its error."""
+    """Return the distance of eq. 3.16 for a block with spikes of both sequences, and the bound of its error."""
     mass_a, mass_b = np.abs(a.total), np.abs(b.total)
     flow = min(mass_a.sum(), mass_b.sum())
     left_a, left_b = cancel(a.y * width + a.x, mass_a, b.y * width + b.x, mass_b)

@@ -1,4 +1,4 @@
-"""Similarities of two feature vectors (thesis Table 5.4), and ROC curves of scores (thesis 5.3.2)."""
+"""Similarities of two feature vectors (thesis, Table 5.4), and ROC curves of scores (thesis, section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _USUAL = 2.0**-100, 2.0**100  # squares of differences of numbers in this range 
 
 
 def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
-    """Return the 12 similarities of thesis Table 5.4, in its order.
+    """Return the 12 similarities of Table 5.4 of the thesis, in the order of the table.
 
     Conventions: 0/0 is 0. The arguments of logarithms (no. 10) are at least 1e-10, so that 0 log 0 is 0, and a feature
     that is 0 in only one vector contributes a finite ratio. No. 5 sums absolute differences, and no. 12 divides by the
@@ -42,7 +42,7 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
         raise ValueError(f"a and b must be vectors of one shape [..., D], not {x.shape} and {y.shape}")
     for name, values in (("a", x), ("b", y)):
         if not np.isfinite(values).all() or (values < 0).any():
-            raise ValueError(f"{name} must hold finite features that are not negative")
+            raise ValueError(f"{name} must contain finite features that are not negative")
     least, most = np.minimum(x, y), np.maximum(x, y)
     apart = most - least
     # all quotients are computed from these two fractions of the larger number, which are at most 1
@@ -136,8 +136,8 @@ def roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> tuple[np.ndarray, np.ndar
         same: [N], 1 for pairs of the same class and 0 for the others.
 
     Returns:
-        False positive rates and true positive rates, float64 [thresholds], from a threshold above the highest score
-        downwards. Equal scores are a single step.
+        False positive rates and true positive rates, each float64 [thresholds]. The first threshold is above the
+        highest score, and the others are the scores in descending order, equal ones once.
 
     Raises:
         ValueError: If a score is NaN, for other shapes or values, and if one of the two kinds of pairs is missing.
@@ -153,7 +153,7 @@ def roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> tuple[np.ndarray, np.ndar
         raise ValueError(f"{np.isnan(values).sum()} of {values.size} scores are NaN")
     truth = given == 1
     if not (truth | (given == 0)).all():
-        raise ValueError("same must hold 1 and 0 only")
+        raise ValueError("same must contain only 1 and 0")
     if truth.all() or not truth.any():
         raise ValueError("pairs that are the same and pairs that differ are both needed")
     order = np.argsort(-values, kind="stable")

@@ -14,18 +14,18 @@ from nvsdata.training.data import loader
 from nvsdata.training.evaluation import correct, predict
 from nvsdata.training.trainer import Trainer
 
-FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the length that the network was trained with
-WINDOWS = 1_000  # of each length, so that a report costs little whatever the dataset
-MOST_DRAWS = 5  # of a recording, where there are fewer recordings than that
-MEASURED = 8  # recordings
+FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # window lengths, as multiples of the length in training
+WINDOWS = 1_000  # maximum number of windows of each length, so that reports on large datasets are fast
+MOST_DRAWS = 5  # maximum number of windows per recording, if there are fewer recordings than WINDOWS
+MEASURED = 8  # number of recordings whose durations are compared
 
 
 def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: Any) -> dict[int, Accuracy]:
-    """Measure the accuracy of single windows by their length.
+    """Measure the accuracy of single windows as a function of their length.
 
-    Lengths go from a quarter of the transform's own to four times it. Lengths for which recordings are too short are
-    replaced by the longest possible one, or by the transform's own. About 1,000 windows are used per length, from
-    recordings spread over the dataset, the same at every call.
+    The lengths are a quarter to four times the window length of the transform. Lengths for which recordings are too
+    short are replaced by the longest possible length, or by that of the transform. About 1,000 windows are used per
+    length, from recordings spread over the dataset, the same at every call.
 
     Args:
         trainer: Trainer whose network, seed, batch and processes are used.

@@ -68,9 +68,10 @@ class Actions:
     def pipeline(self, *, training: bool) -> T.Compose:
         """Return the transform from a recording to the network's input, with augmentation for training.
 
-        The recording is divided into S equal parts, and a window of 1/30 s is taken from each. Each window becomes a
-        graph with an edge from each node's nearest, scaled by a factor from (0.8, 1) in training; or a frame of ON and
-        OFF counts, scaled and cropped.
+        The recording is divided into S equal parts, and a window of 1/30 s is cut from each. For RG-CNN, each window
+        becomes a graph in which each node has an edge from its nearest neighbor. In training, graphs are scaled by a
+        factor from [0.8, 1). For 3D CNNs, each window becomes a frame of ON and OFF counts, scaled and cropped. For
+        PointNet, PointNet++ and LSTM, events are sampled from the entire recording.
         """
         cut = [T.RandomWindow(self.duration)] if self.duration else []
         if self.network in POINT_NETWORKS:
@@ -135,7 +136,7 @@ class Actions:
         return Trainer(model, optimizer, schedule, out, data=data | {"protocol": repr(self)}, epochs=epochs, **options)
 
     def optimization(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
-        """Return optimizer and schedule: Adam, or for 3D CNNs SGD from 0.01, divided by 10 every 50 epochs.
+        """Return optimizer and schedule: Adam, or for 3D CNNs SGD with a rate of 0.01, divided by 10 every 50 epochs.
 
         The thesis doesn't describe the training of point networks; they are trained by Adam, too.
         """

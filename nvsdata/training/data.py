@@ -26,7 +26,7 @@ def loader(
     last: int = 1,
     shuffle: bool = False,
 ) -> DataLoader[Any]:
-    """Return a loader of this process's part of the batches of the epochs `first` to `last` - 1.
+    """Return a loader of the batches of epochs `first` to `last` - 1; each process loads its part of every batch.
 
     Args:
         dataset: Dataset of `(sample, target)`.
@@ -61,25 +61,26 @@ def loader(
 
 
 def _begin_worker(_: int) -> None:
-    # or what a killed training left would go on, and hold its folder
+    # otherwise, the workers of a killed training would continue, and keep its folder locked
     end_with_parent()
     for number in ENDING:
-        # the loader ends its workers so, and no handler of Python's runs within a kernel
+        # the loader ends its workers by signals, and Python's handlers would wait for a running kernel
         signal.signal(number, signal.SIG_DFL)
 
 
 class TrainTestSplit:
     """Recordings of a dataset for training, validation and testing.
 
-    The split between training and testing is the dataset's own, or a random fifth of each class is for testing.
+    The split between training and testing is the dataset's own. If it has none, a random fifth of each class is for
+    testing.
 
     Args:
         name: Name of the dataset.
         root: Folder of the dataset, or the file that `nvsdata pack` made of it.
         fold: Number of the split (default None: the dataset's default).
         seed: Seed of a random split, stored in `data` (default 0).
-        validate: Approximate fraction of the training recordings to hold out for validation (default 0: none). It
-            depends on no seed; see `datasets.splits.held_out`.
+        validate: Approximate fraction of the training recordings to hold out for validation (default 0: none). The
+            selection doesn't depend on a seed; see `datasets.splits.held_out`.
         errors: Handling of damaged recordings, as for datasets (default "raise").
 
     Raises:
@@ -113,7 +114,7 @@ class TrainTestSplit:
     ) -> None:
         kind: Any = dataset_named(name)
         if issubclass(kind, ASLANDVS):
-            raise ValueError(f"{name} is of pairs of recordings, not of classes: see recipes/similarity_aslan.py")
+            raise ValueError(f"{name} consists of pairs of recordings, not of classes: see recipes/similarity_aslan.py")
         try:
             self._train, self._test = (kind(root, split, fold=fold, errors=errors) for split in ("train", "test"))
         except FileNotFoundError:
@@ -147,7 +148,8 @@ class TrainTestSplit:
         Files of equal size are compared by a hash of their bytes, recordings of a packed store by their checksums.
 
         Returns:
-            Paths of the test recordings and of the same recordings in the other parts, below the root.
+            Paths of these test recordings, and for each the path of the same recording in the other parts. Paths are
+            relative to the root.
         """
         parts = [part for part in (self._train, self._validation) if part is not None]
         source = self._test.source
@@ -156,12 +158,12 @@ class TrainTestSplit:
         shared = {*sizes.values()} & {*tested.values()}
         known = {source.content(name): name for name, size in sizes.items() if size in shared}
         same = {name: known.get(source.content(name), name) for name, size in tested.items() if size in shared}
-        # a file that is in both by its own name has other windows or labeled parts in each
+        # a file of one name in both has different windows or labeled parts in each
         return {name: other for name, other in same.items() if other != name}
 
 
 def _with(dataset: Any, transform: Any) -> Any:
-    """Return a dataset, listed once, with another transform."""
+    """Return a copy of a dataset with another transform, without listing its files again."""
     changed = copy(dataset)
     changed.transform = transform
     return changed

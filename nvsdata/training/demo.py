@@ -23,7 +23,7 @@ SIZE = 34  # pixels, as in N-MNIST
 FPS = 2_000
 FRAMES = 161  # 80 ms
 CAMERA = PIX2NVS(threshold=0.6, new=False, exp=False)  # the threshold is on log brightness since a pixel last fired
-MARK = ".nvsdata-demo"  # file in the folder of recordings that has their seed once all are there
+MARK = ".nvsdata-demo"  # file next to the recordings; it contains their seed when all are written
 COUNTS = {"train": 40, "test": 15}  # recordings per class
 WINDOW = 30_000  # µs
 BATCH = 32
@@ -96,7 +96,7 @@ def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.asarray(np.minimum(upright, np.maximum(np.abs(u) - 1, np.abs(v) - 0.3)))
 
 
-# signed distance from the edge of each shape, about 1 in radius
+# signed distance from the edge of each shape, whose radius is about 1
 SHAPES: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
     "cross": _cross,
     "disc": _disc,

@@ -49,14 +49,14 @@ def predict(
     if team.count > 1:
         everyone = [None] * team.count
         distributed.all_gather_object(everyone, mine)
-    # a batch's shares lie in order of rank; the last batch may have none for some
+    # the parts of a batch are in order of rank; some processes may have no part of the last batch
     pairs = [pair for shares in zip_longest(*everyone) for pair in shares if pair is not None]
     return torch.cat([given for given, _ in pairs]), torch.cat([targets for _, targets in pairs])
 
 
 def correct(scores: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-    """Return which of the scores [..., num_classes] are highest for the true classes: bool [...]."""
-    # NaN names no class, although argmax gives one
+    """Return True where scores [..., num_classes] are highest for the true class: bool [...]."""
+    # NaN predicts no class, although argmax returns one
     return (scores.argmax(-1) == targets) & ~scores.isnan().any(-1)
 
 
@@ -90,16 +90,16 @@ class Votes:
 
     @property
     def single(self) -> Accuracy:
-        """Accuracy of single windows, the mean over all."""
+        """Accuracy of single windows, averaged over all windows."""
         return accuracy(self.right_windows.numpy())
 
     @property
     def together(self) -> Accuracy:
-        """Accuracy of the votes, the mean over all rounds."""
+        """Accuracy of the votes, averaged over all rounds."""
         return accuracy(self.right_votes.numpy())
 
     def __str__(self) -> str:
-        """Both accuracies in a line."""
+        """Return both accuracies in one line."""
         _, windows, recordings = self.right_windows.shape
         kinds = f"single windows {self.single:.3f}, votes of {windows} {self.together:.3f}"
         return f"accuracy on {recordings} recordings, with 95% intervals: {kinds}"
@@ -112,7 +112,7 @@ def votes(
 
     Args:
         model: Network or function that returns scores [B, num_classes].
-        batches: Loader of every recording once, repeated `rounds` times `windows` times.
+        batches: Loader of `rounds` x `windows` epochs, each with every recording once in the same order.
         windows: Number of windows that vote together.
         team: The processes that share each batch.
         rounds: Votes per recording (default 1).

@@ -19,7 +19,7 @@ from nvsdata.transforms.events.sampling import BETA
 from nvsdata.transforms.graphs.edges import PSEUDO
 
 EPOCHS, BATCH = 150, 64
-LEAST_STEPS = 4_000  # fewer are too few to converge: a small dataset is passed more often
+LEAST_STEPS = 4_000  # minimum number of steps for convergence: small datasets get more epochs
 ITERATIONS = 10_000  # steps after which the rate of image networks is decayed
 IMAGE_NETWORKS: dict[str, type[nn.Module]] = {
     "vgg19": models.reference.VGG,
@@ -28,10 +28,10 @@ IMAGE_NETWORKS: dict[str, type[nn.Module]] = {
 }
 NETWORKS = ("rgcnn", "gcnn", *IMAGE_NETWORKS)
 DIGITS = ("n-mnist", "mnist-dvs")
-SMALL = "n-mnist"  # so few events that each is a node
-# settings for it, and for all others
+SMALL = "n-mnist"  # dataset with so few events that each event is a node
+# default settings for SMALL, and for all other datasets
 USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
-# rows that follow events can't be pooled between
+# settings for 34x34 pixels, and for larger sensors: streams of a causal graph are pooled after the last block only
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
 # a pixel's neighbors are those of a grid, so fewer channels and pixels per cluster are as good
 PIXELS: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128}
@@ -63,7 +63,7 @@ class Objects:
         radius: Radius of a neighborhood; see `RadiusGraph` (Table 4.2).
         alpha: Weight of space; see `RadiusGraph`.
         beta: Weight of time; see `RadiusGraph`.
-        max_degree: Maximum number of neighbors; see `RadiusGraph`.
+        max_degree: Maximum number of neighbors of a node; see `RadiusGraph`.
         pseudo: Kind of pseudo-coordinates; see `RadiusGraph`.
         features: Names of node features of `FEATURES`, in addition to polarity.
         causal: True for edges from earlier events only and a network that pools only at its end, so that it can stream
@@ -72,13 +72,14 @@ class Objects:
         depth: Number of convolutions, for 240x180 (Table 4.4) or 34x34. None: 5 for n-mnist, otherwise the dataset's
             own.
         kernel_size: Cells of a kernel along an axis (Table 4.5).
-        width: Factor of the numbers of channels.
-        dropout: Probability before the last layer. None: 0.2 for n-mnist, otherwise the thesis's 0.5.
-        loops: Self-loops; see `RGCNN`.
-        root_weight: Root weights; see `RGCNN`.
+        width: Factor by which the numbers of channels are multiplied.
+        dropout: Probability of dropout before the last layer. None: 0.2 for n-mnist, otherwise 0.5 as in the thesis.
+        loops: True (default) for self-loops; see `RGCNN`.
+        root_weight: True (default) for root weights; see `RGCNN`.
         shortcut_start: Initial scale of shortcuts; see `RGCNN`.
         augment: True (default) for augmentation of training samples.
-        schedule: "one-cycle", or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 at 60/150 and 110/150.
+        schedule: "one-cycle" (default), or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 after 60/150
+            and 110/150 of the epochs.
         smoothing: Label smoothing; see `Trainer`.
         image_size: Side of event images in pixels, for `IMAGE_NETWORKS` (Table 4.6).
 
@@ -179,7 +180,7 @@ class Objects:
             graph = T.Compose([T.MergePixels(TIMES), graph])
         changes = training and self.augment
         if not self.features and self.dataset not in DIGITS:
-            # as in the thesis; features of the events around a node couldn't follow it
+            # graphs are augmented, as in the thesis; features of the events around a node would no longer fit
             moved: list[Any] = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()] if changes else []
             return T.Compose([window, *sample, graph, *moved])
         if self.features:
@@ -199,9 +200,9 @@ class Objects:
         return [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
-        """Return the network; of the thesis's, that for the dataset, or for the smallest sensor that contains this one.
+        """Return the network in its configuration for the dataset, or for the smallest sensor that contains this one.
 
-        ValueError for a depth that the thesis doesn't have, and for a sensor larger than those of its networks.
+        ValueError for an unknown depth, and for a sensor larger than those of all configurations.
         """
         if self.network in IMAGE_NETWORKS:
             return IMAGE_NETWORKS[self.network](classes)
@@ -242,7 +243,7 @@ class Objects:
         return common | sizes[depth]
 
     def optimization(self, model: nn.Module, epochs: int, steps: int) -> tuple[Any, Any]:
-        """Return optimizer and schedule for `epochs` of `steps` steps each: Adam, or for images gradient descent."""
+        """Return optimizer and schedule for `epochs` of `steps` steps each: Adam, or SGD for image networks."""
         if self.network in IMAGE_NETWORKS:
             return sgd(model, 1e-3, max(1, ITERATIONS // steps), epochs, decay=1e-5)
         return one_cycle(model, epochs) if self.schedule == "one-cycle" else adam(model, epochs, (60, 110))
@@ -270,7 +271,7 @@ class Objects:
             classes: Number of classes.
             data: Description of the training data; see `Trainer`.
             team: The processes that train together.
-            epochs: Number of epochs (default: the thesis's 150, or more if `LEAST_STEPS` steps need more).
+            epochs: Number of epochs (default: 150 as in the thesis, or more if needed for 4,000 steps).
             batch: Samples per step, over all processes (default 64).
             seed: Seed; see `Trainer` (default 0).
             resume: True to continue from a checkpoint; see `Trainer` (default False).

@@ -20,7 +20,7 @@ def sgd(
     Args:
         model: The network.
         rate: Initial learning rate.
-        every: Epochs after which the rate is divided by 10, repeatedly.
+        every: Number of epochs after which the rate is divided by 10, each time.
         epochs: Number of epochs.
         decay: Weight decay (default 0.0).
         decayed: Layers with weight decay (default: all).

@@ -16,7 +16,7 @@ from nvsdata.common.files import claimed
 
 @dataclass(frozen=True)
 class Team:
-    """Processes that train together, from the view of one of them. Rank 0 writes and prints.
+    """The processes that train together, and the rank of this process. Rank 0 writes and prints.
 
     Args:
         device: Device of this process.
@@ -36,7 +36,7 @@ class Team:
 
     @property
     def workers(self) -> int:
-        """Number of processes that prepare samples; they and torch's threads share the cores."""
+        """Number of processes that prepare samples. These processes and torch's threads share the CPU cores."""
         return max(1, min(4, (os.cpu_count() or 2) // (2 * self.count)))
 
     def barrier(self) -> None:

@@ -24,18 +24,18 @@ from nvsdata.transforms.rng import deterministic_rng
 
 REPORT, PREDICTIONS = "report.json", "predictions.csv"
 PICTURES = ("confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "mistakes.png")
-SHOWN = 48  # mistakes on the contact sheet
+SHOWN = 48  # maximum number of mistakes on the contact sheet
 
 
 def write_report(
     trainer: Trainer, test: Callable[[Any], Any], transform: Any, votes: Votes, classes: Sequence[str]
 ) -> None:
-    """Write `report.json`, `predictions.csv` and figures to the training's folder; figures without data are removed.
+    """Write `report.json`, `predictions.csv` and figures to the folder of the training.
 
-    `report.json` also describes the run: command line, versions, commit, machine, data, seed, and the epoch whose
-    weights were tested.
+    Figures of an earlier report are removed if there are no data for them. `report.json` also describes the run: command
+    line, versions, commit, machine, data, seed, and the epoch whose weights were tested.
 
-    All processes of a team must call it; the first one writes.
+    All processes of a team must call this function; the first one writes.
 
     Args:
         trainer: Trainer of the network, which is run again for windows of other lengths.
@@ -70,7 +70,7 @@ def write_report(
 
 
 def _run(trainer: Trainer) -> dict[str, Any]:
-    """Describe a run, so that it can be repeated and its figures be judged."""
+    """Return a description of a run, so that it can be repeated."""
     chosen = trainer.best[0] if trainer.best else trainer.done
     by = "validation accuracy" if trainer.best else "the number of epochs"
     run: dict[str, Any] = {
@@ -115,7 +115,7 @@ def _chart(found: Sequence[Accuracy], names: Sequence[str], title: str, xlabel: 
 def _sheet(mistakes: Sequence[Mistake], recordings: Any, classes: Sequence[str]) -> np.ndarray:
     tiles = []
     for mistake in mistakes[:SHOWN]:
-        # what a single voter would see: the middle
+        # the window at the midpoint of the recording, as for a vote of one window
         with deterministic_rng(0, 1):
             events, _ = recordings[mistake.index]
         named = "nothing (NaN)" if mistake.named < 0 else classes[mistake.named]

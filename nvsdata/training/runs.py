@@ -1,4 +1,4 @@
-"""Run of a training: its checkpoint and log, TensorBoard, and the end of its command line."""
+"""Files of a training run (checkpoint, log, TensorBoard), and the handling of its errors and interrupts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from nvsdata.common.terminal import escaped_output
 from nvsdata.training.processes import Team
 
 CHECKPOINT, LOG, TENSORBOARD = "checkpoint.pt", "log.jsonl", "tensorboard"
-# epochs in the checkpoint of each training of this process, by its folder: what a later run can continue from
+# number of epochs in the checkpoint of each training of this process, by folder; a later run can resume from them
 FINISHED: dict[Path, int] = {}
 
 
@@ -45,18 +45,18 @@ class Checkpoint:
     def __post_init__(self) -> None:
         counts, dicts = (self.epoch, self.epochs), (self.data, self.model, self.optimizer, self.schedule)
         if not (all(type(count) is int for count in counts) and 0 <= self.epoch <= self.epochs):
-            raise ValueError(f"it is of {self.epoch!r:.20} of {self.epochs!r:.20} epochs")
+            raise ValueError(f"epoch is {self.epoch!r:.20}, of {self.epochs!r:.20} epochs")
         if not (isinstance(self.log, list) and all(isinstance(part, dict) for part in (*dicts, *self.log))):
-            raise ValueError("its parts are of other kinds")
+            raise ValueError("fields have wrong types")
         if len(self.log) != self.epoch:
-            raise ValueError(f"it has {len(self.log)} lines of {self.epoch} epochs")
+            raise ValueError(f"log has {len(self.log)} lines for {self.epoch} epochs")
         if self.best is not None and not 1 <= self.best[0] <= self.epoch:
-            raise ValueError(f"its best epoch is {self.best[0]!r:.20} of {self.epoch}")
-        json.dumps((self.data, self.log))  # TypeError if they are more than JSON
+            raise ValueError(f"best epoch is {self.best[0]!r:.20}, of {self.epoch} epochs")
+        json.dumps((self.data, self.log))  # TypeError if they contain what JSON can't represent
 
     def write(self, out: Path) -> None:
         """Replace the previous checkpoint. OSError if the disk is full; the previous one remains then."""
-        # torch's own writer tells of a full disk by its inner troubles
+        # for a full disk, torch's own writer raises an unrelated error
         whole = io.BytesIO()
         torch.save(vars(self), whole)
         with whole.getbuffer() as content:
@@ -67,13 +67,13 @@ class Checkpoint:
         """Load a run's checkpoint. FormatError for a file that is damaged or isn't a checkpoint."""
         path = out / CHECKPOINT
         try:
-            # torch doesn't look at the checksums
+            # torch doesn't verify the checksums
             with zipfile.ZipFile(path) as archive:
                 if bad := archive.testzip():
                     raise ValueError(f"the checksum of {bad} differs")
             return cls(**torch.load(path, map_location=device, weights_only=True))
-        except Exception as error:  # of zipfile, torch and pickle, as many as there are kinds of damage
-            raise FormatError(path, f"is no checkpoint of a training, or damaged: {line_of(error)}") from None
+        except Exception as error:  # zipfile, torch and pickle raise many kinds of errors
+            raise FormatError(path, f"is not a checkpoint of a training, or is damaged: {line_of(error)}") from None
 
 
 def restore(part: Any, state: dict[str, Any]) -> None:
@@ -83,12 +83,12 @@ def restore(part: Any, state: dict[str, Any]) -> None:
     """
     mine = part.state_dict()
     if isinstance(part, Optimizer):
-        # what it keeps of each weight: nothing yet
+        # the optimizer itself has no state for its weights yet
         kept, weights = state.get("state"), [weight for group in part.param_groups for weight in group["params"]]
         if not _fits(kept, weights) or not _alike(state, mine | {"state": kept}):
-            raise ValueError("it is of another optimizer")
+            raise ValueError("the state is that of another optimizer")
     elif not _alike(state, mine):
-        raise ValueError("it is of another network or schedule")
+        raise ValueError("the state is that of another network or schedule")
     part.load_state_dict(state)
 
 
@@ -103,7 +103,7 @@ def _fits(kept: Any, weights: list[torch.Tensor]) -> bool:
 
 
 def _alike(a: Any, b: Any) -> bool:
-    """Return True if two states have the same names, lengths, sizes and types, whatever the numbers."""
+    """Return True if two states have the same names, lengths, sizes and types, regardless of their values."""
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(_alike(a[key], b[key]) for key in a)
     if isinstance(a, list | tuple) and type(a) is type(b):
@@ -119,7 +119,7 @@ def write_log(out: Path, lines: list[dict[str, Any]]) -> None:
 
 
 def add_to_log(out: Path, line: dict[str, Any]) -> None:
-    """Append the line of an epoch."""
+    """Append the line of an epoch to the log."""
     with named(out / LOG), append_own(out / LOG) as log:
         write_all(log.fileno(), json_line(line).encode())
 
@@ -147,29 +147,30 @@ def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
     except ImportError:
         raise ImportError("--tensorboard needs the package: pip install 'nvsdata[tensorboard]'") from None
     if team.rank:
-        return lambda line: None  # the trainer doesn't call it there
-    # every epoch so far comes again: TensorBoard drops those that it got before
+        return lambda line: None  # the trainer calls it in the first process only
+    # all epochs so far are written again, so TensorBoard must drop those of earlier runs
     writer = SummaryWriter(str(out / TENSORBOARD), purge_step=1)
 
     def see(line: dict[str, Any]) -> None:
         for name, value in line.items():
             if name != "epoch":
                 writer.add_scalar(name, value, line["epoch"])
-        # or the last epochs would be lost to a kill
+        # otherwise, a killed process would lose the last epochs
         writer.flush()
 
     return see
 
 
 def run(main: Callable[[], None], hint: str | None = None) -> None:
-    """Call a recipe's `main`, and end in one line if it is interrupted or if data or settings are invalid.
+    """Call the `main` of a recipe, and end with a message of one line if it is interrupted or raises certain errors.
 
     Args:
         main: The function.
-        hint: How to continue after an interrupt (default None: by `--resume`, if an epoch of a `Trainer` was finished).
+        hint: Message about the continuation after an interrupt (default None: `--resume`, if an epoch of a `Trainer`
+            was finished).
 
     Raises:
-        SystemExit: After an interrupt, OSError, ValueError or ImportError.
+        SystemExit: After an interrupt, OSError, ValueError or ImportError, such as for invalid data or settings.
 
     Example:
         >>> from nvsdata import training
@@ -188,7 +189,7 @@ def run(main: Callable[[], None], hint: str | None = None) -> None:
 
 
 def _hint() -> str:
-    """Return how to continue, by the checkpoints that this process has written."""
+    """Return a message about the continuation from the checkpoints that this process has written."""
     if any(FINISHED.values()):
         return "--resume continues from the last epoch"
-    return "no epoch was finished, so that there is nothing to continue from" if FINISHED else ""
+    return "no epoch was finished, so there is nothing to continue from" if FINISHED else ""

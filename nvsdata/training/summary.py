@@ -1,4 +1,4 @@
-"""Results of a training, from its network's predictions for test recordings."""
+"""Results of a training, computed from the predictions of the network for test recordings."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ COLUMNS = ("recording", "part_us", "class", "predicted", "right_votes", "votes",
 
 @dataclass(frozen=True)
 class Summary:
-    """Results of a classifier; pairs are of single windows (first) and of votes (second).
+    """Results of a classifier. In pairs, the first entry is for single windows and the second for votes.
 
     Args:
         accuracy: Accuracy over all recordings.
         classes: Accuracy of each class; NaN for a class without recordings.
         counts: Recordings of each class [num_classes].
-        calibration: Calibration.
+        calibration: Confidence and accuracy of predictions.
         confusion: Confusion matrix of the votes [num_classes, num_classes].
         by_votes: Accuracy if 1, 2, ... windows vote.
         size: (rounds, windows, recordings).
@@ -46,8 +46,8 @@ class Mistake:
 
     Args:
         index: Index of the recording.
-        true: Its class.
-        named: Predicted class; -1 for none, where scores are NaN.
+        true: True class.
+        named: Predicted class; -1 if scores are NaN.
         confidence: Probability of the predicted class.
         wrong: Fraction of the votes on this recording that are wrong.
     """
@@ -109,7 +109,7 @@ def as_json(
     samples: Sequence[Any],
     classes: Sequence[str],
 ) -> dict[str, Any]:
-    """Return all results with classes by name; undefined values are None. `samples` are the dataset's.
+    """Return all results with classes by name; undefined values are None. `samples` are those of the test dataset.
 
     An accuracy is [value, low, high], with the 95% interval over recordings.
     """
@@ -147,9 +147,9 @@ def as_json(
 
 
 def as_csv(votes: Votes, samples: Sequence[Any], classes: Sequence[str]) -> str:
-    """Return a table with a row for each recording: how many of its votes and windows were right.
+    """Return a table with a row for each recording, with the numbers of its correct votes and windows.
 
-    `predicted` is the class of most votes, of equally many the first; it is empty if no vote named one.
+    `predicted` is the class with most votes, or the first of several such classes. It is empty if all scores are NaN.
     """
     named, _ = metrics.predictions(votes.voters.mean(1).numpy())
     rounds, windows = votes.voters.shape[:2]

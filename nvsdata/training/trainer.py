@@ -1,4 +1,4 @@
-"""Trainer of classifiers that logs, keeps checkpoints and resumes, in one process or several.
+"""Trainer of classifiers with logs, checkpoints and resumption, in one process or several.
 
 Random numbers depend only on the seed, the epoch and the sample. So a resumed run has the results of an uninterrupted
 one, and processes that share the batches (torchrun) train like a single process.
@@ -32,16 +32,16 @@ VALIDATION = "validation_accuracy"
 class Trainer:
     """Trainer of a classifier by cross entropy.
 
-    After each epoch, `out/log.jsonl` gets a line of JSON, and `out/checkpoint.pt` the state.
+    After each epoch, a line of JSON is appended to `out/log.jsonl`, and the state is written to `out/checkpoint.pt`.
 
     Args:
         model: The network, on the team's device.
         optimizer: Optimizer of its parameters.
         schedule: Learning rate schedule, which steps once per epoch.
         out: Folder of the training, which is created.
-        data: Description of the training data (see `data_of`) and protocol. Checkpoint and network contain it, with
-            `batch` and `smoothing`. A resumed run must have the same.
-        epochs: Number of epochs in all; `done` is the number so far.
+        data: Description of the training data (see `data_of`) and protocol. Together with `batch` and `smoothing`, it
+            is stored in the checkpoint and in the network. A resumed run must have the same description.
+        epochs: Total number of epochs; `done` is the number so far.
         batch: Samples per step, over all processes.
         team: The processes that train together.
         seed: Seed of shuffling, transforms and dropout (default 0).
@@ -118,7 +118,7 @@ class Trainer:
             train_set: Dataset of `(input, target)`.
             evaluate: Function from the number of finished epochs to results, which are added to the line of the epoch
                 (default: none). If "validation_accuracy" is among them, the network ends with the weights of the epoch
-                in which it was highest; of equal ones, the last.
+                with the highest value; of several such epochs, the last.
             patience: Number of epochs without a higher validation accuracy after which training stops (default None:
                 never).
 
@@ -147,7 +147,7 @@ class Trainer:
                 break
             start = time.perf_counter()
             line: dict[str, Any] = {"epoch": epoch + 1, "learning_rate": self.schedule.get_last_lr()[0]}
-            # what dropout draws depends on the epoch alone, so that a resumed run draws the same
+            # dropout masks depend on seed and epoch alone, so a resumed run samples the same ones
             torch.manual_seed(self.seed * 1_000_003 + epoch)
             line |= self._epoch(model, batches, steps, f"epoch {epoch + 1}/{self.epochs}")
             if not math.isfinite(line["loss"]):
@@ -156,7 +156,7 @@ class Trainer:
             line["seconds"] = round(time.perf_counter() - start, 2)
             if evaluate is not None:
                 line |= evaluate(epoch + 1)
-            # what this process and its workers met since training began
+            # recordings that failed in this process and its workers since the training began
             if damaged := getattr(train_set, "num_damaged", 0):
                 line["damaged"] = damaged
             self._save(line)
@@ -172,7 +172,7 @@ class Trainer:
         return patience is not None and len(found) > patience and max(found[-patience:]) <= max(found[:-patience])
 
     def watch(self, see: Callable[[dict[str, Any]], None]) -> None:
-        """Call `see` with the line of each epoch, in the first process: now for those so far, then after each."""
+        """In the first process, call `see` with the line of each epoch so far, and of each later one when it ends."""
         if self.team.rank == 0:
             for line in self.lines:
                 see(line)
@@ -194,7 +194,7 @@ class Trainer:
             inputs, targets = inputs.to(device), targets.to(device)
             scores = model(inputs)
             loss = cross_entropy(scores, targets, reduction="sum", label_smoothing=self.smoothing)
-            # gradients are averaged over the processes: of a sum, times their number, over the whole batch
+            # gradients are averaged over processes, so the sum is multiplied by their number, then divided by the batch
             count = all_reduce_sum(torch.tensor(float(len(targets)), device=device))
             self.optimizer.zero_grad()
             (loss * (self.team.count / count)).backward()  # type: ignore[no-untyped-call]
@@ -217,7 +217,7 @@ class Trainer:
                 runs.restore(self.model, state.best[1])
             for name, part in self.parts.items():
                 runs.restore(part, getattr(state, name))
-        except Exception:  # whatever they make of another's
+        except Exception:  # any error for a state of another network or optimizer
             raise ValueError(f"{where} belongs to another network or optimizer") from None
         self.lines, self.best = state.log, state.best
 

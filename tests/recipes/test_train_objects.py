@@ -228,7 +228,7 @@ def test_a_damaged_recording_is_named(run, fake_nmnist, tmp_path):
 
 
 def test_pairs_are_no_classes(run, tmp_path):
-    with pytest.raises(SystemExit, match="aslan-dvs is of pairs of recordings"):
+    with pytest.raises(SystemExit, match="aslan-dvs consists of pairs of recordings"):
         run("train_objects.py", "--dataset", "aslan-dvs", "--root", tmp_path, "--out", tmp_path)
 
 

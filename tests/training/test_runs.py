@@ -187,7 +187,7 @@ def test_a_damaged_checkpoint_is_told_in_a_line(tmp_path):
             # a byte that nothing is made of, such as padding
             assert here.done == 2
             continue
-        assert result.startswith(f"{path}: is no checkpoint of a training, or damaged: ")
+        assert result.startswith(f"{path}: is not a checkpoint of a training, or is damaged: ")
         assert "\n" not in result
     for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
@@ -233,7 +233,7 @@ def test_an_odd_checkpoint_is_told_in_a_line(tmp_path_factory, data):
 def test_other_files_are_no_checkpoints(tmp_path):
     for odd in ([1, 2], torch.zeros(3), {"epoch": 1}, {}):
         torch.save(odd, tmp_path / CHECKPOINT)
-        with pytest.raises(FormatError, match="is no checkpoint of a training"):
+        with pytest.raises(FormatError, match="is not a checkpoint of a training"):
             trainer(tmp_path)
 
 
@@ -269,7 +269,7 @@ def test_scores_that_are_nan_name_no_class(monkeypatch):
 def test_a_checkpoint_is_checked_when_it_is_made():
     good = Checkpoint(epoch=1, epochs=2, data={}, log=[{}], model={}, optimizer={}, schedule={})
     for change in ({"epoch": 3}, {"epoch": True}, {"log": []}, {"log": [1]}, {"model": 3}, {"epochs": None}):
-        with pytest.raises(ValueError, match=r"it is of|it has|its parts"):
+        with pytest.raises(ValueError, match=r"epoch is|log has|wrong types"):
             replace(good, **change)
 
 
@@ -278,10 +278,10 @@ def test_checkpoints_of_no_epoch_and_of_all():
     for epoch, epochs in ((0, 0), (0, 2), (2, 2)):
         assert Checkpoint(epoch=epoch, epochs=epochs, log=[{}] * epoch, **good).epoch == epoch
     for epoch, epochs, lines, reason in (
-        (3, 2, 3, "it is of 3 of 2 epochs"),
-        (-1, 2, 0, "it is of -1 of 2 epochs"),
-        (2, 2, 1, "it has 1 lines of 2 epochs"),
-        (1, 2, 2, "it has 2 lines of 1 epochs"),
+        (3, 2, 3, "epoch is 3, of 2 epochs"),
+        (-1, 2, 0, "epoch is -1, of 2 epochs"),
+        (2, 2, 1, "log has 1 lines for 2 epochs"),
+        (1, 2, 2, "log has 2 lines for 1 epochs"),
     ):
         with pytest.raises(ValueError, match=reason):
             Checkpoint(epoch=epoch, epochs=epochs, log=[{}] * lines, **good)
@@ -334,7 +334,7 @@ def test_an_optimizer_takes_its_own_state_only():
         altered(state, "param_groups", 0, "params", to=[0, 1, 2]),
         altered(state, "more", to=1),
     ):
-        with pytest.raises(ValueError, match="it is of another optimizer"):
+        with pytest.raises(ValueError, match="the state is that of another optimizer"):
             runs.restore(optimizer, wrong)
     assert optimizer.state_dict()["state"][0]["step"] == 1
 
@@ -352,7 +352,7 @@ def test_networks_and_schedules_take_their_own_states_only():
         altered(own[0], "0.weight", to=weight.tolist()),
         altered(own[0], "more", to=weight),
     ):
-        with pytest.raises(ValueError, match="it is of another network or schedule"):
+        with pytest.raises(ValueError, match="the state is that of another network or schedule"):
             runs.restore(model, wrong)
     for wrong in (
         altered(own[1], "last_epoch", to=1.5),
@@ -360,7 +360,7 @@ def test_networks_and_schedules_take_their_own_states_only():
         altered(own[1], "base_lrs", to=(0.001,)),
         altered(own[1], "last_epoch", to=None),
     ):
-        with pytest.raises(ValueError, match="it is of another network or schedule"):
+        with pytest.raises(ValueError, match="the state is that of another network or schedule"):
             runs.restore(schedule, wrong)
 
 
@@ -484,7 +484,7 @@ def test_a_best_epoch_that_is_none_of_the_runs_is_damage(tmp_path):
     state = torch.load(path, weights_only=True)
     for best in ((3, state["best"][1]), (0, state["best"][1]), 7, ()):
         torch.save(state | {"best": best}, path)
-        with pytest.raises(FormatError, match="is no checkpoint of a training, or damaged"):
+        with pytest.raises(FormatError, match="is not a checkpoint of a training, or is damaged"):
             trainer(tmp_path, epochs=2)
     for best in ((1, {}), (1, None)):
         torch.save(state | {"best": best}, path)

@@ -74,7 +74,7 @@ def test_an_interrupted_recipe_says_how_to_go_on(capsys, no_training):
 
 
 def test_only_a_finished_epoch_can_be_continued_from(capsys, no_training, tmp_path):
-    nothing = "interrupted: no epoch was finished, so that there is nothing to continue from\n"
+    nothing = "interrupted: no epoch was finished, so there is nothing to continue from\n"
     kept = "interrupted: --resume continues from the last epoch\n"
 
     def main(last, resume=False):
