@@ -12,10 +12,9 @@ THESIS = SHARED.parent / "thesis.txt"
 pytestmark = pytest.mark.skipif(not THESIS.exists(), reason="the thesis isn't here")
 
 SECTION = r"[1-6]\.[1-9](?:\.[1-9])?"
-# "thesis 4.4.2", "section 3.4.1", "thesis's ... (4.4.4, 5.3.1)", "3.3.1 to 3.3.3", "4.2.5 and 4.4.2", "(5.3.1)"
+# "thesis 4.4.2", "section 3.4.1", "sections 3.3.1 to 3.3.3", "4.2.5 and 4.4.2"
 CITED = {
     "section": rf"(?:thesis(?: section)?|[Ss]ections?) ((?:{SECTION}(?:, | to | and )?)+)",
-    "subsection": r"\(((?:[1-6]\.[1-9]\.[1-9](?:, )?)+)\)",
     "equation": r"(?:thesis \(?eqs?\. |eqs?\. (?=[1-6]\.))([1-6]\.\d+(?:-[1-6]\.\d+)?)",
     "table": r"Tables? ([1-6]\.\d+)",
 }
@@ -36,7 +35,6 @@ def cited(kind):
     ("kind", "pattern", "least"),
     [
         ("section", rf"^({SECTION}) [A-Z]", 20),
-        ("subsection", rf"^({SECTION}) [A-Z]", 1),
         ("equation", r"\((?=[1-6])(\d+\.\d+)\)|tag\{(\d+\.\d+)\}", 5),
         ("table", r"^Table ([1-6]\.\d+)|Table ([1-6]\.\d+):", 10),
     ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from torch import nn
 
@@ -35,7 +35,7 @@ USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout":
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
 # a pixel's neighbors are those of a grid, so fewer channels and pixels per cluster are as good
 PIXELS: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128}
-TIMES = ("first", "last", "mean")
+TIMES: Final = ("first", "last", "mean")
 NODES = ("events", "pixels")
 SCHEDULES = ("one-cycle", "steps")
 FEATURES: dict[str, Any] = {

@@ -32,8 +32,8 @@ def write_report(
 ) -> None:
     """Write `report.json`, `predictions.csv` and figures to the folder of the training.
 
-    Figures of an earlier report are removed if there are no data for them. `report.json` also describes the run: command
-    line, versions, commit, machine, data, seed, and the epoch whose weights were tested.
+    Figures of an earlier report are removed if there are no data for them. `report.json` also describes the run:
+    command line, versions, commit, machine, data, seed, and the epoch whose weights were tested.
 
     All processes of a team must call this function; the first one writes.
 
