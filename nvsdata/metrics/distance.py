@@ -227,7 +227,7 @@ def compare(
         real: Real events, of a sensor of the same size.
         fps: Frames per second (default 30.0); None takes the entire sequence as one frame.
         offset: µs that are added to the times of `real` (default 0).
-        weight: lambda of `chamfer` (default sqrt(3)).
+        weight: Weight lambda of `chamfer` (default sqrt(3)).
         epsilon: Radius of `epsilon_repeatability` in pixels (default 3.5).
         blocks: Number of blocks of `emd`, a square number (default 16).
 

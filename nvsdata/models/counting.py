@@ -1,4 +1,4 @@
-"""Counts the floating-point operations that torch executes for a network."""
+"""Count of the floating-point operations that torch executes for a network."""
 
 from __future__ import annotations
 

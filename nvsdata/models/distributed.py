@@ -1,7 +1,7 @@
 """Functions and layers with which several processes train with the same results as a single process.
 
 With torch.distributed, each process has a part of every batch, in order of rank. Only dropout and layers with
-statistics over a batch depend on this. Without torch.distributed, the functions and layers use the one process alone.
+statistics over a batch depend on this. Without torch.distributed, they compute as in a single process.
 """
 
 from __future__ import annotations

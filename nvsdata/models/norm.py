@@ -1,4 +1,4 @@
-"""Batch normalization for very small batches, short trainings and several processes."""
+"""Batch normalization for very small batches, short training runs and several processes."""
 
 from __future__ import annotations
 

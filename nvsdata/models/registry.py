@@ -74,5 +74,5 @@ def _without_arguments(self: nn.Module) -> None:
 
 
 def _decorated(kind: Any) -> None:
-    """Raise TypeError for the class of an entry point that isn't registered: instances built before can't be saved."""
+    """Raise TypeError for the class of an entry point that isn't decorated, because its instances can't be saved."""
     raise TypeError(f"{kind!r} isn't decorated with @register_network('a-name')")

@@ -33,7 +33,7 @@ SMALL = "n-mnist"  # dataset with so few events that each event is a node
 USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
 # settings for 34x34 pixels, and for larger sensors: streams of a causal graph are pooled after the last block only
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
-# a pixel's neighbors are those of a grid, so fewer channels and pixels per cluster are as good
+# settings for a node per pixel: these nodes are on a grid, so fewer channels and smaller clusters are as accurate
 PIXELS: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128}
 TIMES: Final = ("first", "last", "mean")
 NODES = ("events", "pixels")
@@ -53,35 +53,36 @@ class Objects:
 
     Args:
         dataset: Name of the dataset. Digits (n-mnist, mnist-dvs) aren't mirrored.
-        network: One of `NETWORKS`.
-        convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" or one of `models.CONVOLUTIONS`.
+        network: One of `NETWORKS` (default "rgcnn").
+        convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" (default) or one of `models.CONVOLUTIONS`.
         nodes: "events" (default) for a node per event, or "pixels" for a node per pixel, with the numbers of its ON and
             OFF events, and their first, last and mean times, in place of polarity.
-        window: Duration of a sample in µs, at a random position of the recording (Table 4.3).
-        k: Maximum events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None: 1 for n-mnist and
-            for pixels, otherwise 8.
-        radius: Radius of a neighborhood; see `RadiusGraph` (Table 4.2).
-        alpha: Weight of space; see `RadiusGraph`.
-        beta: Weight of time; see `RadiusGraph`.
-        max_degree: Maximum number of neighbors of a node; see `RadiusGraph`.
-        pseudo: Kind of pseudo-coordinates; see `RadiusGraph`.
-        features: Names of node features of `FEATURES`, in addition to polarity.
+        window: Duration of a sample in µs, at a random position of the recording (default 30,000; Table 4.3).
+        k: Maximum number of events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None (default):
+            1 for n-mnist and for pixels, otherwise 8.
+        radius: Radius of a neighborhood (default 3.0; Table 4.2). See `RadiusGraph` for this and the next arguments.
+        alpha: Weight of squared pixels (default 1.0).
+        beta: Weight of squared µs (default (0.5e-5)²).
+        max_degree: Maximum number of neighbors of a node (default 8).
+        pseudo: Kind of pseudo-coordinates (default "signed").
+        features: Names of node features of `FEATURES`, in addition to polarity (default ("patch5",)).
         causal: True for edges from earlier events only and a network that pools only at its end, so that it can stream
             in real time (`models.stream`). k is 1 then, and features must be empty, because they depend on later
-            events.
-        depth: Number of convolutions, for 240x180 (Table 4.4) or 34x34. None: 5 for n-mnist, otherwise the dataset's
-            own.
-        kernel_size: Cells of a kernel along an axis (Table 4.5).
-        width: Factor by which the numbers of channels are multiplied.
-        dropout: Probability of dropout before the last layer. None: 0.2 for n-mnist, otherwise 0.5 as in the thesis.
+            events (default False).
+        depth: Number of convolutions, for 240x180 (Table 4.4) or 34x34. None (default): 5 for n-mnist, otherwise that
+            of `models.rgcnn` for the dataset.
+        kernel_size: Number of cells of a kernel along an axis (default 5; Table 4.5).
+        width: Factor by which the numbers of channels are multiplied (default 1.0).
+        dropout: Probability of dropout before the last layer. None (default): 0.2 for n-mnist, otherwise 0.5 as in the
+            thesis.
         loops: True (default) for self-loops; see `RGCNN`.
         root_weight: True (default) for root weights; see `RGCNN`.
-        shortcut_start: Initial scale of shortcuts; see `RGCNN`.
+        shortcut_start: Initial scale of shortcuts (default 0.0); see `RGCNN`.
         augment: True (default) for augmentation of training samples.
         schedule: "one-cycle" (default), or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 after 60/150
             and 110/150 of the epochs.
-        smoothing: Label smoothing; see `Trainer`.
-        image_size: Side of event images in pixels, for `IMAGE_NETWORKS` (Table 4.6).
+        smoothing: Label smoothing (default 0.05); see `Trainer`.
+        image_size: Side of event images in pixels, for `IMAGE_NETWORKS` (default 224; Table 4.6).
 
     Raises:
         ValueError: For an unknown network, feature or schedule, and for a causal network with features, a depth, or k >

@@ -72,7 +72,7 @@ def check_sample(sample: Any, *, graphs: bool = False, images: bool = False) -> 
 
 
 def decoded(sample: Any) -> tuple[Any, list[Events]]:
-    """Return the sample with `Events` in place of recordings, in its own form and as a list."""
+    """Return the sample with `Events` in place of recordings, in its own form, and its parts as a list."""
     parts = map_sample(sample, lambda events: events)
     return parts, parts if isinstance(parts, list) else [parts]
 

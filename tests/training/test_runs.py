@@ -191,7 +191,7 @@ def test_a_damaged_checkpoint_is_told_in_a_line(tmp_path):
         assert "\n" not in result
     for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(FormatError, match="or damaged"):
+        with pytest.raises(FormatError, match="or is damaged"):
             trainer(tmp_path)
 
 

@@ -279,13 +279,13 @@ POLARITIES = [
     (T.ToFrames(1), 1, (0, 1), "ON first"),
     (T.TimeSurface(), 0, (0, 1), "ON first"),
     (T.EventSurfaces(1, polarity="both"), 1, (0, 1), "ON first"),
-    (T.HATS(), 1, (0, 1), "ON first"),
+    (T.HATS(), 1, (0, 1), "ON before OFF"),
     (T.TORE(1), 0, (0, 1), "ON comes first"),
-    (T.FilterCascade(1), 0, (0, 1), "of each ON first"),
+    (T.FilterCascade(1), 0, (0, 1), "ON comes first"),
     (T.FourChannels(), 0, (0, 1), "numbers of ON and of OFF"),
     (T.StackedHistogram(1), 0, (1, 0), "all bins of OFF, then all of ON"),
-    (T.TAF(1), 0, (1, 0), "OFF before ON"),
-    (T.GroupTokens(2, 1), 0, (2, 0), "OFF and ON"),
+    (T.TAF(1), 0, (1, 0), "OFF comes before ON"),
+    (T.GroupTokens(2, 1), 0, (2, 0), "a group of OFF and a group of ON"),
 ]
 
 

@@ -152,10 +152,10 @@ class _IncrementalInference(ABC):
 class Stream(_IncrementalInference):
     """Incremental inference of a network on a graph; made by `stream`.
 
-    The scores are those of the network on `graph` of the events in the window, up to rounding, however the events were
-    divided into pieces. Nothing is computed until scores are requested. After few new events, only rows that changed
-    are computed; after many, the entire window. Memory grows with the largest number of events in the window, and with
-    the number of cells of the pooled graphs.
+    The scores are those of the network on `graph` of the events in the window, up to rounding, regardless of how the
+    events were divided into pieces. Nothing is computed until scores are requested. After few new events, only rows
+    that changed are computed; after many, the entire window. Memory grows with the largest number of events in the
+    window, and with the number of cells of the pooled graphs.
 
     Attributes:
         products: Number of multiplications in updated rows since construction or `reset`.

@@ -49,7 +49,7 @@ def full(*widths: int, dropout: float = 0.5) -> nn.Sequential:
 
 
 class Classifier(nn.Module):
-    """Network in two parts: `maps` computes feature maps, `classify` scores from their mean over all positions."""
+    """Network in two parts: `maps` computes feature maps, `classify` computes scores from their mean over positions."""
 
     def __init__(self, maps: nn.Module, classify: nn.Module, dimensions: int, in_channels: int) -> None:
         super().__init__()

@@ -193,7 +193,7 @@ class LSTM(nn.Module):
 
 @torch.no_grad()
 def farthest_points(xyz: torch.Tensor, count: int) -> torch.Tensor:
-    """Return indices [B, count] of distant points: each is farthest from those before, the first from the mean."""
+    """Return indices [B, count] of distant points: first the farthest from the mean, then from those before."""
     batch = torch.arange(xyz.shape[0], device=xyz.device)
     apart = (xyz - xyz.mean(1, keepdim=True)).square().sum(2)
     chosen = torch.empty(xyz.shape[0], count, dtype=torch.int64, device=xyz.device)

@@ -24,7 +24,7 @@ Block = Callable[[int, int, int], tuple[nn.Module, int]]
 def bottleneck(
     dimensions: int, in_channels: int, width: int, stride: int, *, expansion: int = 4, groups: int = 1
 ) -> tuple[nn.Module, int]:
-    """Return a block of convolutions of size 1, 3 and 1, and its number of channels.
+    """Return a block of convolutions of size 1, 3 and 1, and its number of output channels.
 
     The stride is that of the first convolution or, with groups, of the second.
     """
@@ -39,13 +39,13 @@ def bottleneck(
 
 
 def basic3d(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]:
-    """Return a block of two 3x3x3 convolutions, and its number of channels."""
+    """Return a block of two 3x3x3 convolutions, and its number of output channels."""
     body = nn.Sequential(conv(3, in_channels, width, 3, stride, 1), conv(3, width, width, 3, 1, 1, relu=False))
     return Residual(body, _shortcut(3, in_channels, width, stride)), width
 
 
 def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]:
-    """Return a block of two (2+1)D convolutions, and its number of channels."""
+    """Return a block of two (2+1)D convolutions, and its number of output channels."""
     body = nn.Sequential(
         *two_plus_one(in_channels, width, stride), nn.ReLU(inplace=True), *two_plus_one(width, width, 1)
     )
@@ -55,8 +55,8 @@ def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]
 def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.Module, ...]:
     """Return layers for space, then time: 1x3x3, batch normalization and ReLU, 3x1x1 and batch normalization.
 
-    The number of channels between the two convolutions is such that both have as many weights as a 3x3x3 convolution
-    (Tran et al. 2018, section 3.5).
+    The number of channels between the two convolutions is such that together they have as many weights as a 3x3x3
+    convolution (Tran et al. 2018, section 3.5).
     """
     between = 27 * in_channels * out_channels // (9 * in_channels + 3 * out_channels)
     return (
@@ -67,7 +67,7 @@ def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.M
 
 
 def stages(block: Block, in_channels: int, depths: Sequence[int], widths: Sequence[int]) -> tuple[nn.Sequential, int]:
-    """Return blocks in stages, of which all but the first halve the size, and their number of output channels."""
+    """Return blocks in stages, and their number of output channels. Each stage but the first halves the size."""
     layers: list[nn.Module] = []
     for stage, (depth, width) in enumerate(zip(depths, widths, strict=True)):
         for n in range(depth):
@@ -171,9 +171,8 @@ class ResNeXt3D(Classifier):
 class R2Plus1D(Classifier):
     """R(2+1)D (Tran et al. 2018): each 3D convolution is split into one in space and one in time.
 
-    The 36 layers of the thesis count both parts. A pair counted as one layer makes 18 layers, as the 33 million
-    parameters in Table 5.3 of the thesis show. The network takes [B, in_channels, T, H, W] and returns class scores
-    (logits) [B, num_classes].
+    The thesis counts 36 layers, because it counts both parts. The 33 million parameters in its Table 5.3 show that
+    there are 18 pairs. The network takes [B, in_channels, T, H, W] and returns class scores (logits) [B, num_classes].
 
     Args:
         num_classes: Number of scores.

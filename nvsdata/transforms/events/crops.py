@@ -120,9 +120,12 @@ def resize_events(events: Moving, width: int, height: int) -> Moving:
     """Scale events, or boxes, to a sensor of another size. Unlike with `Resize`, the aspect ratio may change.
 
     Args:
-        events: The events. Coordinates are rounded down; none are dropped or merged.
+        events: The events or boxes.
         width: Width of the new sensor in pixels.
         height: Height of the new sensor in pixels.
+
+    Returns:
+        The events or boxes on the new sensor. Coordinates of events are rounded down; no event is dropped or merged.
 
     Raises:
         ValueError: The new sensor has more than 32,767 pixels along an axis.

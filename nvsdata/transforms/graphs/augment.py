@@ -232,8 +232,7 @@ def affine(
         leave the sensor.
 
     Raises:
-        ValueError: The center of a graph is unknown, because it has no `sensor_size`, and the graph is to be more than
-            shifted.
+        ValueError: A graph has no `sensor_size`, so its center is unknown, and more than a shift is requested.
 
     Example:
         >>> from nvsdata import Events, transforms as T

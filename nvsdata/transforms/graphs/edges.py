@@ -118,7 +118,7 @@ class RadiusGraph:
 
 @dataclass(frozen=True)
 class KNNGraph:
-    """Connect each event with its nearest neighbors in space (thesis, section 5.3.1): it is the target of `k` edges.
+    """Connect each event with its `k` nearest neighbors in space, by edges to the event (thesis, section 5.3.1).
 
     At equal distances the neighbor nearer in time comes first, then that of smaller index. An event has fewer edges
     only if there are no more than `k` events.

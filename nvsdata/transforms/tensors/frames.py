@@ -85,7 +85,7 @@ class SlidingClips:
 
 @dataclass(frozen=True)
 class MotionCrop:
-    """Cut the square with the most activity, the sum of |f| over all frames.
+    """Cut the square with the most activity, the sum of absolute values over all frames.
 
     Args:
         size: Side in pixels (default 24).
