@@ -125,7 +125,7 @@ def test_a_network(example, tmp_path):
         def __init__(self, num_classes=2):
             super().__init__(1, num_classes)
 
-    with pytest.raises(ValueError, match="Wider can't be saved: it is fused, or not registered"):
+    with pytest.raises(ValueError, match="Wider can't be saved: the network is fused or not registered"):
         models.save(Wider(3), tmp_path / "b.safetensors")
     models.register_network("wider")(Wider)
     models.save(Wider(3), tmp_path / "b.safetensors")

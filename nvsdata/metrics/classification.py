@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nvsdata.metrics.intervals import Accuracy, wilson_interval
 
-BINS = 15  # of equal width, as in Guo et al. 2017
+BINS = 15  # number of bins of equal width, as in Guo et al. 2017
 ORDERS = 20  # smallest number of orders of voters that are averaged
 NONE = -1  # class of samples whose scores are NaN
 

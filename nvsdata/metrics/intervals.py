@@ -119,7 +119,7 @@ def paired_test(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95
     """
     ours, theirs, z = _outcomes(first), _outcomes(second), _quantile(level)
     if ours.shape != theirs.shape:
-        raise ValueError(f"both classifiers need the same predictions, not {np.shape(first)} and {np.shape(second)}")
+        raise ValueError(f"first and second must have one shape, not {np.shape(first)} and {np.shape(second)}")
     gains = ours.sum(0) - theirs.sum(0)
     differences = gains / len(ours)
     count = differences.size + 2

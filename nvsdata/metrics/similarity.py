@@ -11,7 +11,7 @@ COUNT = 12
 FLOOR = 1e-10  # smallest argument of a logarithm; smaller values are raised to it
 _LARGEST = np.finfo(np.float64).max
 _TINY = np.finfo(np.float64).smallest_subnormal
-_LEAST = -(1 << 20)  # exponent for 0
+_LEAST = -(1 << 20)  # exponent that stands for the number 0
 _USUAL = 2.0**-100, 2.0**100  # squares of differences of numbers in this range fit float64
 
 

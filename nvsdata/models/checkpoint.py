@@ -75,7 +75,9 @@ def save(
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
         name = type(model).__name__
-        raise ValueError(f"{name} can't be saved: it is fused, or not registered: @models.register_network('a-name')")
+        raise ValueError(
+            f"{name} can't be saved: the network is fused or not registered by @models.register_network('a-name')"
+        )
     state = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     header = {
         "version": VERSION,
@@ -131,7 +133,7 @@ def load(
         there = f"; there are {', '.join(known)}" if known else ""
         raise FileNotFoundError(f"no trained network {where}{there}")
     try:
-        # read, not mapped: a file that is mapped can't be replaced on Windows, and ends the process if it is cut
+        # read instead of mapped: a mapped file can't be replaced on Windows, and the process ends if it is truncated
         whole = where.read_bytes()
         state = from_safetensors(whole)
         length = int.from_bytes(whole[:8], "little")
@@ -209,7 +211,7 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
         nonlocal room
         room -= get_ident() == here
         if room < 0 and get_ident() == here:
-            raise ValueError(f"it has more than the file's {len(state)} weights")
+            raise ValueError(f"the network has more than the file's {len(state)} weights")
 
     # settings with a billion layers fail at the first weight that the file doesn't have
     with torch.device("meta"), register_module_parameter_registration_hook(count):

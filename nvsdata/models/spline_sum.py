@@ -84,7 +84,7 @@ def spline_sum_torch(
     sums = wide.new_zeros(nodes * cells, x.shape[1])
     for corner in itertools.product(range(min(kernel_size, 2)), repeat=v.shape[1]):
         row, share = target * cells, torch.ones_like(upper[:, 0])
-        # number by number, because a tensor of the corner would have to be copied to the device
+        # one number at a time, because a tensor of the corner would have to be copied to the device
         for axis, above in enumerate(corner):
             row = row + (lower[:, axis] + above) * kernel_size**axis
             share = share * (upper[:, axis] if above else 1 - upper[:, axis])
@@ -116,7 +116,7 @@ class _DenseSum(torch.autograd.Function):
         return out.addmm_(sums, weight.reshape(-1, weight.shape[2]))
 
     @staticmethod
-    @once_differentiable  # or a second derivative would be wrong, silently
+    @once_differentiable  # otherwise, second derivatives would be silently wrong
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight, *edges = ctx.saved_tensors
         _, to_x, _, _, to_weight, _ = ctx.needs_input_grad
@@ -160,7 +160,7 @@ class _SparseSum(torch.autograd.Function):
         return out
 
     @staticmethod
-    @once_differentiable  # or a second derivative would be wrong, silently
+    @once_differentiable  # otherwise, second derivatives would be silently wrong
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight = ctx.saved_tensors
         starts, row_node, entry_row, entry_source, share = ctx.plan

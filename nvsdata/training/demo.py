@@ -22,7 +22,7 @@ from nvsdata.training.evaluation import validation
 SIZE = 34  # pixels, as in N-MNIST
 FPS = 2_000
 FRAMES = 161  # 80 ms
-CAMERA = PIX2NVS(threshold=0.6, new=False, exp=False)  # the threshold is on log brightness since a pixel last fired
+CAMERA = PIX2NVS(threshold=0.6, new=False, exp=False)  # threshold: change of log brightness since the last event
 MARK = ".nvsdata-demo"  # file next to the recordings; it contains their seed when all are written
 COUNTS = {"train": 40, "test": 15}  # recordings per class
 WINDOW = 30_000  # µs

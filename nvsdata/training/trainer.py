@@ -188,7 +188,7 @@ class Trainer:
         """Train for one epoch, and return mean loss and accuracy."""
         model.train()
         device = self.team.device
-        sums = torch.zeros(3, dtype=torch.float64, device=device)  # loss, right, seen
+        sums = torch.zeros(3, dtype=torch.float64, device=device)  # sums of losses, correct predictions and samples
         for _ in bar(range(steps), title, shown=not self.team.rank, leave=False):
             inputs, targets = next(batches)
             inputs, targets = inputs.to(device), targets.to(device)

@@ -19,7 +19,7 @@ class _Scratch(threading.local):
         self.real = torch.empty(())
         self.whole = torch.empty((), dtype=torch.int64)
         self.real_value, self.whole_value = self.real.numpy(), self.whole.numpy()
-        self.generator: torch.Generator | None = None  # torch's default one
+        self.generator: torch.Generator | None = None  # None: torch's default generator
         self.fraction: float | None = None  # position in the range of `window_start`, from 0 to 1; None: random
 
 

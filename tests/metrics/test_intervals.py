@@ -74,7 +74,7 @@ def test_what_are_no_predictions_is_refused(right):
 
 
 def test_predictions_of_other_recordings_and_levels_out_of_range_are_refused():
-    with pytest.raises(ValueError, match=r"the same predictions, not \(3,\) and \(2,\)"):
+    with pytest.raises(ValueError, match=r"must have one shape, not \(3,\) and \(2,\)"):
         paired_test([1, 0, 1], [1, 0])
     for level in (0, 1, 95, math.nan):
         with pytest.raises(ValueError, match="level must be between 0 and 1"):

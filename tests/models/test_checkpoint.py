@@ -82,7 +82,7 @@ def test_a_bare_name_goes_to_the_model_folder(tmp_path, monkeypatch):
 
 
 def test_foreign_networks_and_transforms_are_not_saved(tmp_path):
-    with pytest.raises(ValueError, match="Linear can't be saved: it is fused, or not registered"):
+    with pytest.raises(ValueError, match="Linear can't be saved: the network is fused or not registered"):
         models.save(torch.nn.Linear(2, 2), tmp_path / "m.safetensors")
     with pytest.raises(ValueError, match="not the repr of a transform"):
         models.save(models.RGCNN(2), tmp_path / "m.safetensors", transform=lambda sample: sample)

@@ -110,5 +110,5 @@ def test_it_is_neither_trained_nor_saved(tmp_path):
     fused = models.fused(models.rgcnn("n-mnist"))
     assert not fused.training
     assert not any(parameter.requires_grad for parameter in fused.parameters())
-    with pytest.raises(ValueError, match="it is fused"):
+    with pytest.raises(ValueError, match="the network is fused"):
         models.save(fused, tmp_path / "fused.safetensors")

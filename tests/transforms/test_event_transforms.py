@@ -347,7 +347,7 @@ def test_lists_and_no_events(transform):
         (lambda: T.RandomTimeScale(2, 1), "high must be at least low"),
         (
             lambda: T.RandomTimeScale(3.0, 3.0)(Events([0, 2**61], [0, 0], [0, 0], [0, 0])),
-            "don't fit after scaling by 3.0",
+            "µs after scaling by 3.0",
         ),
         (lambda: T.RandomTimeFlip(2), "p must be between 0 and 1"),
         (lambda: T.TimeJitter(-1), "sigma must not be negative"),

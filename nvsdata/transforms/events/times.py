@@ -144,14 +144,14 @@ class TimeJitter:
 
 def _relative(events: Events) -> Events:
     if events.end - events.start >= LATEST:
-        raise ValueError(f"times of {events!r} don't fit if they count from their beginning")
+        raise ValueError(f"times of {events!r} exceed 2^62 µs if they count from their beginning")
     return _at(events, events.t - events.start, 0, events.end - events.start)
 
 
 def _scaled(events: Events, factor: float, origin: int) -> Events:
     """Multiply times since `origin` (µs) by a factor."""
     if factor * max(abs(events.end - origin), abs(events.start - origin)) + abs(origin) >= LATEST:
-        raise ValueError(f"times of {events!r} don't fit after scaling by {factor}")
+        raise ValueError(f"times of {events!r} exceed 2^62 µs after scaling by {factor}")
 
     def scaled(t: Any) -> Any:
         return origin + np.rint((t - origin) * factor).astype(np.int64)

@@ -22,7 +22,7 @@ from nvsdata.transforms.rng import randint
 
 Image = TypeVar("Image", torch.Tensor, Events, Boxes)
 
-SCALES = (0.5, 0.667, 0.833, 1.0)  # of multi-scale crops (thesis, section 3.5.1)
+SCALES = (0.5, 0.667, 0.833, 1.0)  # factors of multi-scale crops (thesis, section 3.5.1)
 
 
 @dataclass(frozen=True)

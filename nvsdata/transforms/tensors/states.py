@@ -93,7 +93,7 @@ class LeakyState(_State):
     def __init__(self, sensor_size: tuple[int, int], leak: float, increment: float) -> None:
         super().__init__(sensor_size)
         self._leak, self._increment = float(leak), float(increment)
-        # the state, and the arrays of `tensor`
+        # memory for the state, and for the arrays of `tensor`
         check_memory(sensor_size, (6, *self.shape), np.int64)
         self._value = zeros(sensor_size, self.shape, np.float64)
         self._since = zeros(sensor_size, self.shape, np.int64, -LATEST)

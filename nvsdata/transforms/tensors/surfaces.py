@@ -60,7 +60,7 @@ class TimeSurface:
         times = np.full(count, events.end)
         if self.every is not None:
             times[:-1] = events.start + np.arange(1, count) * min(int(self.every), EVER[1])
-        # the surfaces, and float64 [2, H, W]
+        # memory for the surfaces, and for float64 [2, H, W]
         check_memory(events.sensor_size, (count + 2, 2, height, width))
         out = np.empty((count, 2, height, width), np.float32)
         grown = zeros(events.sensor_size, out.shape[1:], np.float64)
