@@ -182,14 +182,9 @@ void evt2_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<c
     Events events{t, x, y, p};
     Writer<u32> writer(words);
     State now(state);
-    for (i64 i = 0; i < events.size();) {
+    for (i64 i = 0; i < events.size(); ++i) {
         show(now.high, t[i], [&](i64 word) { writer.put(word); });
-        i64 stop = i + 1;
-        while (stop < events.size() && t[stop] >> LOW == now.high) ++stop;
-        for (u32& word : writer.take(stop - i)) {
-            word = u32(event_word(t[i], x[i], y[i], p[i]));
-            ++i;
-        }
+        writer.put(event_word(t[i], x[i], y[i], p[i]));
     }
     now.keep(state);
 }

@@ -357,12 +357,13 @@ void ascend(i32* values, i64 count) {
 // Pairs that are near in time, from each event backward; fills the lists of both events. O(N + pairs in time).
 template <class Coordinate>
 void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, const Metric& metric, i64 reach,
-           i64 most, const Sources& sources, Interrupt& interrupt) {
+           const Pairs& near, const Sources& sources, Interrupt& interrupt) {
     i64 n = t.size(), k = metric.k;
     double limit = metric.limit();
     auto distance = [&](i64 i, i64 j) {
-        double dx = double(i64(x[i]) - x[j]), dy = double(i64(y[i]) - y[j]), dt = double(minus(t[i], t[j]));
-        return metric.alpha * (dx * dx + dy * dy) + metric.beta * (dt * dt);
+        i64 dx = i64(x[i]) - x[j], dy = i64(y[i]) - y[j];
+        double dt = double(minus(t[i], t[j]));
+        return metric.alpha * double(dx * dx + dy * dy) + metric.beta * (dt * dt);
     };
     auto candidate = [&](i64 i, i64 j) { return Candidate{distance(i, j), gap(t[j], t[i]), i32(j)}; };
     Vector<i32> worst(static_cast<std::size_t>(n));
@@ -394,11 +395,11 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     while (wide < u32(2 * side + 1)) wide *= 2;
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
     // the later event in the upper half, the earlier one in the lower, because storing pairs takes most of the time
-    Vector<u64> pairs(std::size_t(CHUNK + most + 1));
+    Vector<u64> pairs(std::size_t(std::min(CHUNK, near.all) + near.most + 1));
     for (i64 i = 0, first = 0; i < n;) {
         i64 found = 0, kept = 0;
-        for (; i < n && found < CHUNK; ++i) {
-            if (i % OFTEN == 0) interrupt.poll();
+        interrupt.poll();
+        for (i64 stop = std::min(n, i + CHUNK); i < stop && found < CHUNK; ++i) {
             while (minus(t[i], t[first]) > reach) ++first;
             u32 corner = place[i] - margin;
             u64 later = u64(i) << 32;
@@ -451,7 +452,7 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
         i64 reach = i64(std::sqrt(limit / beta * (1 + ROUNDING))) + 1;
         Pairs pairs = pairs_in_time(t, reach);
         swept = double(pairs.all) <= double(sweep_below) * double(n);
-        if (swept) sweep(t, x, y, metric, reach, pairs.most, sources, interrupt);
+        if (swept) sweep(t, x, y, metric, reach, pairs, sources, interrupt);
     }
     if (!swept) Search(t, PixelLists(x, y, alpha > 0), metric, sources, interrupt).run();
     return std::accumulate(degree.begin(), degree.end(), i64(0));

@@ -34,7 +34,8 @@ struct Pixels {
     Polarity image = Polarity::same_image;
 };
 
-constexpr i64 STEPS = 2048;  // events that are placed at once, between two polls for Ctrl-C
+constexpr i64 STEPS = 512;    // events that are placed at once, few enough that loops over them overlap
+constexpr i64 OFTEN = 16'384;  // events between two polls for Ctrl-C, which take as long as 50 of them
 
 // Places of the pixels of at most STEPS events in images. The calls return true if all are on the sensor.
 bool place(const Images& images, const Pixels& events, i64 from, i64 to, u32* places);
@@ -58,12 +59,12 @@ template <class Some>
 NVSDATA_INLINE void some_events(const Images& images, const Pixels& events, i64 from, i64 to,
                          Interrupt& interrupt, Some some) {
     u32 places[STEPS];
-    while (from < to) {
+    for (i64 done = STEPS; from < to; done += STEPS) {
         i64 count = std::min(STEPS, to - from);
         place_all(images, events, from, from + count, places);
         some(from, count, places);
         from += count;
-        if (from < to) interrupt.poll();
+        if (done % OFTEN == 0) interrupt.poll();
     }
 }
 
@@ -92,25 +93,26 @@ inline void check_frame(Span<const i64> bounds, i64 n, i64 size) {
     if (bounds[n] < 0 || bounds[n + 1] > size) throw std::out_of_range("frames reach beyond the events");
 }
 
-// Calls each(n, i, place) for the events i of each frame n, from bounds[n] up to bounds[n + 1], then done(n).
-template <class Each, class Done>
+// Calls frame(n) for each frame n, and what it returns, each(i, place), for the events i from bounds[n] up to
+// bounds[n + 1]; then done(n).
+template <class Frame, class Done>
 NVSDATA_INLINE void each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
-                                  Each each, Done done) {
+                                  Frame frame, Done done) {
     require_columns(events.x.size(), events);
     require(bounds.size() == frames + 1, "frames must be one fewer than their bounds");
     Interrupt interrupt;
     for (i64 n = 0; n < frames; ++n) {
         check_frame(bounds, n, events.x.size());
-        each_event(images, events, bounds[n], bounds[n + 1], interrupt, [&](i64 i, i64 place) { each(n, i, place); });
+        each_event(images, events, bounds[n], bounds[n + 1], interrupt, frame(n));
         done(n);
         if (n % STEPS == 0) interrupt.poll();
     }
 }
 
-template <class Each>
+template <class Frame>
 NVSDATA_INLINE void each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
-                                  Each each) {
-    each_event_of_frames(images, events, bounds, frames, each, [](i64) {});
+                                  Frame frame) {
+    each_event_of_frames(images, events, bounds, frames, frame, [](i64) {});
 }
 
 }  // namespace nvsdata

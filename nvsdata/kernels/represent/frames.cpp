@@ -1,5 +1,5 @@
 // Events summed into the cells of a grid in time and space.
-#include <limits>
+#include <type_traits>
 
 #include "../native/bind.h"
 #include "events.h"
@@ -8,20 +8,21 @@ namespace nvsdata {
 
 namespace {
 
-float sign(u8 p) {
-    static constexpr float signs[] = {-1, 1};
+template <class T = float>
+T sign(u8 p) {
+    static constexpr T signs[] = {-1, 1};
     return signs[p];
 }
 
+template <class T>
+using Step = std::conditional_t<std::is_integral_v<T>, int, T>;
+
 // Add to a count; an integer is clipped to its range.
 template <class T>
-void add(T& count, int step) {
-    // no branch, because it is unpredictable which counts are clipped
-    if constexpr (std::is_integral_v<T>)
-        count = T(count + (step > 0) * (count != std::numeric_limits<T>::max()) -
-                  (step < 0) * (count != std::numeric_limits<T>::min()));
-    else
-        count += T(step);
+void add(T& count, Step<T> step) {
+    Step<T> sum = count + step;
+    // a branch, because counts are rarely clipped
+    if (std::is_floating_point_v<T> || T(sum) == sum) count = T(sum);
 }
 
 void sum_frames(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds, i64 width, i64 height,
@@ -31,20 +32,21 @@ void sum_frames(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<con
     require_shapes(rows == (height + factor - 1) / factor && columns == (width + factor - 1) / factor);
     Images images{width, height};
     Pixels events{x, y, p};
+    auto frame = [&, size = rows * columns](i64 n) { return out.values.part(n * size, (n + 1) * size); };
     if (factor == 1) {
-        each_event_of_frames(images, events, bounds, frames,
-                             [&](i64 n, i64 i, i64 place) { out.values[n * images.size + place] += sign(p[i]); });
+        each_event_of_frames(images, events, bounds, frames, [&](i64 n) {
+            return [sums = frame(n), p](i64 i, i64 place) { sums[place] += sign(p[i]); };
+        });
         return;
     }
-    u32 side = u32(factor);
-    auto add = [&, columns = columns, cells = rows * columns](i64 n, i64 i, i64) {
-        out.values[n * cells + u32(y[i]) / side * columns + u32(x[i]) / side] += sign(p[i]);
+    auto add = [&, side = u32(factor), columns = columns](i64 n) {
+        return [=, sums = frame(n)](i64 i, i64) { sums[u32(y[i]) / side * columns + u32(x[i]) / side] += sign(p[i]); };
     };
     auto average = [&, rows = rows, columns = columns](i64 n) {
-        Rows<float> frame{out.values.data() + n * rows * columns, rows, columns};
+        Rows<float> sums{frame(n).data(), rows, columns};
         for (i64 r = 0; r < rows; ++r) {
             i64 tall = std::min(factor, height - r * factor);
-            for (i64 c = 0; c < columns; ++c) frame(r, c) /= float(tall * std::min(factor, width - c * factor));
+            for (i64 c = 0; c < columns; ++c) sums(r, c) /= float(tall * std::min(factor, width - c * factor));
         }
     };
     each_event_of_frames(images, events, bounds, frames, add, average);
@@ -55,13 +57,15 @@ void counted(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const 
     i64 channels = out.shape[1];
     require(channels == 1 || channels == 2, "frames must have one or two channels");
     Images images{out.shape[3], out.shape[2]};
+    auto frame = [&, size = channels * images.size](i64 n) { return out.values.part(n * size, (n + 1) * size); };
     if (channels == 1)
-        each_event_of_frames(images, {x, y, p}, bounds, out.shape[0], [&](i64 n, i64 i, i64 place) {
-            add(out.values[n * images.size + place], 2 * p[i] - 1);
+        each_event_of_frames(images, {x, y, p}, bounds, out.shape[0], [&](i64 n) {
+            return [counts = frame(n), p](i64 i, i64 place) { add(counts[place], sign<Step<T>>(p[i])); };
         });
     else
-        each_event_of_frames(images, {x, y, p, Polarity::on_first}, bounds, out.shape[0],
-                             [&](i64 n, i64, i64 place) { add(out.values[2 * n * images.size + place], 1); });
+        each_event_of_frames(images, {x, y, p, Polarity::on_first}, bounds, out.shape[0], [&](i64 n) {
+            return [counts = frame(n)](i64, i64 place) { add(counts[place], Step<T>(1)); };
+        });
 }
 
 void counted_by_polarity(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds,
@@ -69,8 +73,8 @@ void counted_by_polarity(Span<const i16> x, Span<const i16> y, Span<const u8> p,
     require_shapes(out.shape[0] == 2);
     Images images{out.shape[3], out.shape[2]};
     i64 frames = out.shape[1];
-    each_event_of_frames(images, {x, y, p}, bounds, frames, [&](i64 n, i64 i, i64 place) {
-        out.values[(p[i] * frames + n) * images.size + place] += 1;
+    each_event_of_frames(images, {x, y, p}, bounds, frames, [&](i64 n) {
+        return [=](i64 i, i64 place) { out.values[(p[i] * frames + n) * images.size + place] += 1; };
     });
 }
 
@@ -79,7 +83,11 @@ void marked(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i
     require_shapes(out.shape[1] == 2);
     Images images{out.shape[3], out.shape[2]};
     each_event_of_frames(images, {x, y, p, Polarity::on_first}, bounds, out.shape[0],
-                         [&](i64 n, i64, i64 place) { out.values[2 * n * images.size + place] = 1; });
+                         [&, size = 2 * images.size](i64 n) {
+                             return [marks = out.values.part(n * size, (n + 1) * size)](i64, i64 place) {
+                                 marks[place] = 1;
+                             };
+                         });
 }
 
 void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, bool linear,

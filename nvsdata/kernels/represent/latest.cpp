@@ -14,9 +14,10 @@ void counts_and_times(Span<const i64> t, Span<const i16> x, Span<const i16> y, S
     require_columns(t.size(), events);
     require_shapes(out.shape[0] == 4);
     Images images{out.shape[2], out.shape[1]};
-    each_event(images, events, [&](i64 i, i64 place) {
-        out.values[place] += 1;
-        out.values[place + 2 * images.size] = float(double(minus(t[i], start)) / double(duration));
+    Span<float> counts = out.values.part(0, 2 * images.size), times = out.values.part(2 * images.size, 4 * images.size);
+    each_event(images, events, [=](i64 i, i64 place) {
+        counts[place] += 1;
+        times[place] = float(double(minus(t[i], start)) / double(duration));
     });
 }
 
@@ -126,8 +127,11 @@ void ages_of_bins(i64 since, i64 duration, Array<i64, 4> bins, Array<double, 5> 
     Interrupt interrupt;
     for (i64 from = 0; from < places; from += STEPS) {
         for (i64 place = from, to = std::min(from + STEPS, places); place < to; ++place) {
-            i64 begun = used.values[place];
-            for (i64 back = 0; back < std::min(begun, most); ++back) {
+            // a loop of its own, because most queues are empty
+            while (place < to && used.values[place] == 0) ++place;
+            if (place == to) break;
+            i64 begun = used.values[place], kept = std::min(begun, most);
+            for (i64 back = 0; back < kept; ++back) {
                 i64 slot = place * most + (begun - 1 - back) % most;
                 double begin = double(minus(since, times(bins.values[slot], duration)));
                 double age = begin - within.values[2 * slot] / within.values[2 * slot + 1];

@@ -75,12 +75,14 @@ void tokens(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
     i64 start = t[0], size = places * rows * columns, patches = rows * columns, wide = columns;
     double scale = 1 / double(std::max<i64>(minus(t.back(), start), 1));
     u32 side = u32(patch);
-    each_event_of_frames({columns * patch, rows * patch}, events, bounds, parts, [&](i64 part, i64 i, i64) {
-        u32 across = u32(x[i]) / side, down = u32(y[i]) / side;
-        i64 place = i64(u32(y[i]) - down * side) * side + (u32(x[i]) - across * side);
-        i64 cell = (part * 2 + p[i]) * 2 * size + place * patches + down * wide + across;
-        out.values[cell] += 1;
-        out.values[cell + size] += float(double(minus(t[i], start)) * scale);
+    each_event_of_frames({columns * patch, rows * patch}, events, bounds, parts, [&](i64 part) {
+        return [&, part](i64 i, i64) {
+            u32 across = u32(x[i]) / side, down = u32(y[i]) / side;
+            i64 place = i64(u32(y[i]) - down * side) * side + (u32(x[i]) - across * side);
+            i64 cell = (part * 2 + p[i]) * 2 * size + place * patches + down * wide + across;
+            out.values[cell] += 1;
+            out.values[cell + size] += float(double(minus(t[i], start)) * scale);
+        };
     });
 }
 
