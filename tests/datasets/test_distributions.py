@@ -314,7 +314,7 @@ def test_yupenn_leaves_one_out(home):
     test = YUPENNDVS(root, "test", fold=5)
     assert (len(test), len(YUPENNDVS(root, fold=5))) == (1, 8)
     assert test.classes[test.targets[0]] == "forest_fire"
-    with pytest.raises(ValueError, match="below the 9 recordings"):
+    with pytest.raises(ValueError, match="fold must be below the number of recordings, 9, not 9"):
         YUPENNDVS(root, fold=9)
 
 
