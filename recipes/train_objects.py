@@ -37,7 +37,7 @@ from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWO
 from nvsdata.transforms.events.sampling import BETA
 from nvsdata.transforms.graphs.edges import PSEUDO
 
-GRAPH = ("nodes", "k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
+GRAPH = ("nodes", "downsample", "k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
 NETWORK = ("network", "convolution", "depth", "kernel_size", "dropout", "image_size")
 SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "augment", "schedule", "smoothing")
 # number of repetitions of the last evaluation if the test set has fewer than FEW recordings
@@ -106,6 +106,7 @@ def arguments() -> argparse.Namespace:
     )
     text = "a node per event, or per pixel with the numbers and times of its events (default events)"
     add("--nodes", choices=NODES, default=NODES[0], help=text)
+    add("--downsample", type=at_least_1, default=1, help="pixels along each axis that become one (default 1)")
     add("--radius", type=float, default=3.0, help="radius of the graph in pixels (default 3; Table 4.2)")
     add("--alpha", type=float, default=1.0, help="weight of squared pixels in the distance between events (default 1)")
     add(

@@ -7,7 +7,7 @@ from typing import ClassVar
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info, expected_names
 
-SCENE = 200  # consecutive numbers: most are of ten to twenty recordings of one car or place
+SCENE = 100  # consecutive numbers; ten to twenty of them are often of one car or place
 
 
 class NCARS(EventDataset):
@@ -16,7 +16,7 @@ class NCARS(EventDataset):
     7,940 cars and 7,482 backgrounds for training, 4,396 and 4,211 for testing, in
     `n-cars_train/{cars,background}/obj_<id>_td.dat` and `n-cars_test`. The crops differ in size; the largest,
     120x100, is taken as the sensor's size. Classes: background 0, cars 1. Recordings with neighboring numbers
-    are often of the same car or place, so `hold_out` holds out blocks of 200 numbers.
+    are often of the same car or place, so `hold_out` holds out blocks of 100 numbers.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.

@@ -28,14 +28,18 @@ IMAGE_NETWORKS: dict[str, type[nn.Module]] = {
 }
 NETWORKS = ("rgcnn", "gcnn", *IMAGE_NETWORKS)
 DIGITS = ("n-mnist", "mnist-dvs")
+CROPS = ("n-cars",)  # datasets of crops of different sizes, all in one corner of the sensor
 SMALL = "n-mnist"  # dataset with so few events that each event is a node
 # default settings for SMALL, and for all other datasets
 USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
 # settings for 34x34 pixels, and for larger sensors: streams of a causal graph are pooled after the last block only
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
-# settings for a node per pixel: these nodes are on a grid, so fewer channels and smaller clusters are as accurate
-PIXELS: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128}
-TIMES: Final = ("first", "last", "mean")
+# networks for nodes of pixels, by the sensor's larger side
+PIXELS: dict[int, dict[str, Any]] = {
+    64: {"channels": (32, 64, 128), "clusters": ((2, 2), (5, 5), (10, 10)), "hidden": 128, "sensor_size": (64, 64)},
+    128: {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128},
+}
+TIMES = ("first", "last", "mean")
 NODES = ("events", "pixels")
 SCHEDULES = ("one-cycle", "steps")
 FEATURES: dict[str, Any] = {
@@ -53,19 +57,20 @@ class Objects:
 
     Args:
         dataset: Name of the dataset. Digits (n-mnist, mnist-dvs) aren't mirrored.
-        network: One of `NETWORKS` (default "rgcnn").
-        convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" (default) or one of `models.CONVOLUTIONS`.
-        nodes: "events" (default) for a node per event, or "pixels" for a node per pixel, with the numbers of its ON and
-            OFF events, and their first, last and mean times, in place of polarity.
-        window: Duration of a sample in µs, at a random position of the recording (default 30,000; Table 4.3).
-        k: Maximum number of events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None (default):
-            1 for n-mnist and for pixels, otherwise 8.
-        radius: Radius of a neighborhood (default 3.0; Table 4.2). See `RadiusGraph` for this and the next arguments.
-        alpha: Weight of squared pixels (default 1.0).
-        beta: Weight of squared µs (default (0.5e-5)²).
-        max_degree: Maximum number of neighbors of a node (default 8).
-        pseudo: Kind of pseudo-coordinates (default "signed").
-        features: Names of node features of `FEATURES`, in addition to polarity (default ("patch5",)).
+        network: One of `NETWORKS`.
+        convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" or one of `models.CONVOLUTIONS`.
+        nodes: "events" (default) for a node per event, or "pixels" for a node per pixel, with log(1 + number) of its
+            ON and OFF events, and their first, last and mean times, in place of polarity.
+        downsample: Pixels along each axis that become one, after augmentation.
+        window: Duration of a sample in µs, at a random position of the recording (Table 4.3).
+        k: Maximum events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None: 1 for n-mnist and
+            for pixels, otherwise 8.
+        radius: Radius of a neighborhood; see `RadiusGraph` (Table 4.2).
+        alpha: Weight of space; see `RadiusGraph`.
+        beta: Weight of time; see `RadiusGraph`.
+        max_degree: Maximum number of neighbors; see `RadiusGraph`.
+        pseudo: Kind of pseudo-coordinates; see `RadiusGraph`.
+        features: Names of node features of `FEATURES`, in addition to polarity.
         causal: True for edges from earlier events only and a network that pools only at its end, so that it can stream
             in real time (`models.stream`). k is 1 then, and features must be empty, because they depend on later
             events (default False).
@@ -98,6 +103,7 @@ class Objects:
     network: str = "rgcnn"
     convolution: str = "spline"
     nodes: Literal["events", "pixels"] = "events"
+    downsample: int = 1
     window: int = 30_000
     k: int | None = None
     radius: float = 3.0
@@ -122,7 +128,7 @@ class Objects:
     def __post_init__(self) -> None:
         if self.network not in NETWORKS:
             raise ValueError(f"network must be one of {NETWORKS}, not {self.network!r}")
-        for name, least in (("k", 1), ("window", 1), ("kernel_size", 1), ("image_size", 1)):
+        for name, least in (("k", 1), ("window", 1), ("downsample", 1), ("kernel_size", 1), ("image_size", 1)):
             if getattr(self, name) is not None:
                 whole(name, getattr(self, name), least)
         positive("width", self.width)
@@ -170,7 +176,7 @@ class Objects:
 
         `within` is the part of the recording, as fractions of its duration, from which windows are sampled.
         """
-        window = T.RandomWindow(self.window, within)
+        window: Any = T.RandomWindow(self.window, within)
         if self.network in IMAGE_NETWORKS:
             scaled, size = T.Resize(round(self.image_size * 256 / 224)), self.image_size
             crops: list[Any] = [T.RandomCrop(size), T.RandomFlip()] if training else [T.CenterCrop(size)]
@@ -178,16 +184,18 @@ class Objects:
         sample: list[Any] = [T.NonUniformSample(k, self.alpha, self.beta)] if (k := self.setting("k")) > 1 else []
         graph: Any = self._graph()
         if self.nodes == "pixels":
-            graph = T.Compose([T.MergePixels(TIMES), graph])
+            graph = T.Compose([T.MergePixels(TIMES, log=True), graph])
         changes = training and self.augment
-        if not self.features and self.dataset not in DIGITS:
-            # graphs are augmented, as in the thesis; features of the events around a node would no longer fit
+        smaller: list[Any] = [T.Downsample(self.downsample)] if self.downsample > 1 else []
+        if not self.features and self.dataset not in DIGITS and self.nodes == "events":
+            # as in the thesis; features of the events around a node couldn't follow it
             moved: list[Any] = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()] if changes else []
-            return T.Compose([window, *sample, graph, *moved])
+            return T.Compose([window, *smaller, *sample, graph, *moved])
         if self.features:
             graph = T.NodeFeatures(T.Compose([*sample, graph]), [FEATURES[name] for name in self.features])
             sample = []
-        return T.Compose([window, *(self._changes() if changes else []), *sample, graph])
+        center = [T.Center()] if self.dataset in CROPS else []
+        return T.Compose([window, *center, *(self._changes() if changes else []), *smaller, *sample, graph])
 
     def _graph(self) -> T.RadiusGraph:
         metric = self.radius, self.alpha, self.beta
@@ -198,6 +206,8 @@ class Objects:
         if self.dataset in DIGITS:
             # a digit's mirror image is not a digit
             return [T.RandomAffine((0.85, 1.1), degrees=15, shift=2, shear=0.1, stretch=0.1), T.DropEvents(0.4)]
+        if self.dataset in CROPS:
+            return [T.RandomAffine((0.85, 1.15), 5, shift=6, stretch=0.15), T.RandomFlip(0), T.DropEvents(0.4)]
         return [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
@@ -207,6 +217,7 @@ class Objects:
         """
         if self.network in IMAGE_NETWORKS:
             return IMAGE_NETWORKS[self.network](classes)
+        sensor_size = tuple(-(-side // self.downsample) for side in sensor_size)  # type: ignore[assignment]
         side = max(sensor_size)
         nearest = "n-mnist" if side <= 34 else "cifar10-dvs" if side <= 128 else "asl-dvs"
         name = self.dataset if self.dataset in models.CONFIGURATIONS else nearest
@@ -224,8 +235,8 @@ class Objects:
             settings |= CAUSAL[side > 34] | {"clusters": (None, None, settings["clusters"][-1])}
         elif (depth := self.setting("depth")) is not None:
             settings |= self._of_depth(depth, side)
-        elif self.nodes == "pixels" and side > 34:
-            settings |= PIXELS
+        elif self.nodes == "pixels" and 34 < side <= max(PIXELS):
+            settings |= next(network for largest, network in PIXELS.items() if side <= largest)
         if any(ours > theirs for ours, theirs in zip(sensor_size, settings["sensor_size"], strict=True)):
             raise ValueError(
                 "the network is for {}x{} pixels, not {}x{}".format(*settings["sensor_size"], *sensor_size)

@@ -21,6 +21,7 @@ from nvsdata.transforms.events.windows import (
     with_window_length,
 )
 from nvsdata.transforms.graphs.augment import (
+    Center,
     RandomAffine,
     RandomFlip,
     RandomRotate,
@@ -59,6 +60,7 @@ __all__ = [
     "Age",
     "BackgroundActivity",
     "BagOfEvents",
+    "Center",
     "CenterCrop",
     "Compose",
     "Crop",

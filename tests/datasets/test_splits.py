@@ -81,12 +81,12 @@ def test_recordings_of_a_scene_of_n_cars_are_held_out_together(tmp_path):
         for number in range(3990, 8000, 10):
             (tmp_path / "n-cars_train" / group / f"obj_{number:06d}_td.dat").touch()
     parts = [
-        {(sample.label, int(sample.stem.split("_")[1]) // 200) for sample in part.samples}
+        {(sample.label, int(sample.stem.split("_")[1]) // 100) for sample in part.samples}
         for part in NCARS(tmp_path, "train").hold_out(0.3)
     ]
     assert all({label for label, _ in part} == {0, 1} for part in parts)
     assert parts[0].isdisjoint(parts[1])
-    assert len(parts[0] | parts[1]) == 2 * 21
+    assert len(parts[0] | parts[1]) == 2 * 41
 
 
 def test_a_class_without_recordings_in_a_part_is_named():

@@ -20,7 +20,7 @@ from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.transforms.apply import Change, SpatialTransform
+from nvsdata.transforms.apply import Change, SpatialTransform, decoded
 from nvsdata.transforms.rng import uniform
 
 Mirrored = TypeVar("Mirrored", Graph, Events, Boxes)
@@ -155,6 +155,36 @@ class RandomTranslate(SpatialTransform):
     def _change(self, sample: Any) -> Change:
         dx, dy = uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels)
         return lambda part: affine(part, dx=dx, dy=dy)
+
+
+@dataclass(frozen=True)
+class Center(SpatialTransform):
+    """Shift events by whole pixels, so that the rectangle around them is in the middle of the sensor.
+
+    For crops of different sizes that share a corner, as in N-CARS: mirroring and scaling are then about their centers.
+
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them, which have one rectangle.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.Center()(Events([0, 10], [0, 2], [0, 1], [1, 1], (9, 9))).x.tolist()
+        [3, 5]
+    """
+
+    deterministic: ClassVar[bool] = True
+
+    def _change(self, sample: Any) -> Change:
+        listed = [part for part in decoded(sample)[1] if len(part)]
+        if not listed:
+            return lambda part: part
+        dx, dy = (
+            (size - 1 - min(column.min() for column in columns) - max(column.max() for column in columns)) // 2
+            for size, columns in zip(
+                listed[0].sensor_size, zip(*((e.x, e.y) for e in listed), strict=True), strict=True
+            )
+        )
+        return lambda part: affine(part, dx=int(dx), dy=int(dy))
 
 
 @dataclass(frozen=True)

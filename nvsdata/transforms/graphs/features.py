@@ -25,25 +25,27 @@ LARGEST = 17  # pixels along a side of a patch
 class MergePixels:
     """Merge the events of each pixel into one node, as in the graphs that the thesis's author released for UCF101-DVS.
 
-    Args:
-        times: Additional features of a node: any of "first", "last" and "mean", the times of its events as fractions of
-            the window (default: none).
+        Args:
+                times: Additional features of a node, any of "first", "last" and "mean": times of its events, as fractions of
+                the window (default none).
+            log: True for log(1 + number) in place of numbers of events (default False).
+    
+        Returns:
+            A `Graph` without edges, for `KNNGraph` or `RadiusGraph`. `x` has the numbers of ON and of OFF events, then the
+            times; `t` is the mean time, rounded down to µs. Nodes are in order of time. The call takes `Events` or a
+            `Recording`.
 
-    Returns:
-        A `Graph` without edges, for `KNNGraph` or `RadiusGraph`. `x` has the numbers of ON and of OFF events, then the
-        times; `t` is the mean time, rounded down to µs. Nodes are in order of time. The call takes `Events` or a
-        `Recording`.
+        Raises:
+            ValueError: `times` contains anything else.
 
-    Raises:
-        ValueError: `times` contains anything else.
-
-    Example:
-        >>> from nvsdata import Events, transforms as T
-        >>> T.MergePixels()(Events([0, 10, 30], [1, 1, 7], [1, 1, 7], [1, 0, 1], (8, 8))).x.tolist()
-        [[1.0, 1.0], [1.0, 0.0]]
+        Example:
+            >>> from nvsdata import Events, transforms as T
+            >>> T.MergePixels()(Events([0, 10, 30], [1, 1, 7], [1, 1, 7], [1, 0, 1], (8, 8))).x.tolist()
+            [[1.0, 1.0], [1.0, 0.0]]
     """
 
     times: tuple[Time, ...] = ()
+    log: bool = False
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -55,6 +57,8 @@ class MergePixels:
         events = events_inside(sample)
         pos, mean, ends, counts = merged_pixels(*events.columns)
         found = {"first": ends[:, 0], "last": ends[:, 1], "mean": mean}
+        if self.log:
+            counts = np.log1p(counts)
         x = np.concatenate((counts, *(_fraction(found[time], events)[:, None] for time in self.times)), 1)
         none = torch.empty((2, 0), dtype=torch.int64)
         made = [torch.from_numpy(array) for array in (x, pos, mean - events.start)]
