@@ -34,12 +34,13 @@ SMALL = "n-mnist"  # dataset with so few events that each event is a node
 USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
 # settings for 34x34 pixels, and for larger sensors: streams of a causal graph are pooled after the last block only
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
-# networks for nodes of pixels, by the sensor's larger side
+# settings for a node per pixel, by the sensor's largest side: these nodes are on a grid, so fewer channels and smaller
+# clusters are as accurate
 PIXELS: dict[int, dict[str, Any]] = {
     64: {"channels": (32, 64, 128), "clusters": ((2, 2), (5, 5), (10, 10)), "hidden": 128, "sensor_size": (64, 64)},
     128: {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128},
 }
-TIMES = ("first", "last", "mean")
+TIMES: Final = ("first", "last", "mean")
 NODES = ("events", "pixels")
 SCHEDULES = ("one-cycle", "steps")
 FEATURES: dict[str, Any] = {
@@ -57,20 +58,20 @@ class Objects:
 
     Args:
         dataset: Name of the dataset. Digits (n-mnist, mnist-dvs) aren't mirrored.
-        network: One of `NETWORKS`.
-        convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" or one of `models.CONVOLUTIONS`.
+        network: One of `NETWORKS` (default "rgcnn").
+        convolution: Convolution of gcnn (Table 4.8) or rgcnn: "spline" (default) or one of `models.CONVOLUTIONS`.
         nodes: "events" (default) for a node per event, or "pixels" for a node per pixel, with log(1 + number) of its
-            ON and OFF events, and their first, last and mean times, in place of polarity.
-        downsample: Pixels along each axis that become one, after augmentation.
-        window: Duration of a sample in µs, at a random position of the recording (Table 4.3).
-        k: Maximum events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None: 1 for n-mnist and
-            for pixels, otherwise 8.
-        radius: Radius of a neighborhood; see `RadiusGraph` (Table 4.2).
-        alpha: Weight of space; see `RadiusGraph`.
-        beta: Weight of time; see `RadiusGraph`.
-        max_degree: Maximum number of neighbors; see `RadiusGraph`.
-        pseudo: Kind of pseudo-coordinates; see `RadiusGraph`.
-        features: Names of node features of `FEATURES`, in addition to polarity.
+            ON and of its OFF events, and their first, last and mean times, in place of polarity.
+        downsample: Number of pixels along each axis that become one, after augmentation (default 1).
+        window: Duration of a sample in µs, at a random position of the recording (default 30,000; Table 4.3).
+        k: Maximum number of events per box of the non-uniform sampling, 1 for no sampling (Table 4.1). None (default):
+            1 for n-mnist and for pixels, otherwise 8.
+        radius: Radius of a neighborhood (default 3.0; Table 4.2). See `RadiusGraph` for this and the next arguments.
+        alpha: Weight of squared pixels (default 1.0).
+        beta: Weight of squared µs (default (0.5e-5)²).
+        max_degree: Maximum number of neighbors of a node (default 8).
+        pseudo: Kind of pseudo-coordinates (default "signed").
+        features: Names of node features of `FEATURES`, in addition to polarity (default ("patch5",)).
         causal: True for edges from earlier events only and a network that pools only at its end, so that it can stream
             in real time (`models.stream`). k is 1 then, and features must be empty, because they depend on later
             events (default False).
@@ -188,7 +189,7 @@ class Objects:
         changes = training and self.augment
         smaller: list[Any] = [T.Downsample(self.downsample)] if self.downsample > 1 else []
         if not self.features and self.dataset not in DIGITS and self.nodes == "events":
-            # as in the thesis; features of the events around a node couldn't follow it
+            # graphs are augmented, as in the thesis; features of the events around a node would no longer fit
             moved: list[Any] = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()] if changes else []
             return T.Compose([window, *smaller, *sample, graph, *moved])
         if self.features:

@@ -20,11 +20,14 @@ from nvsdata.training.objects import Objects
 MOVED = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()]
 DIGITS = [T.RandomAffine((0.85, 1.1), degrees=15, shift=2, shear=0.1, stretch=0.1), T.DropEvents(0.4)]
 OTHERS = [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
+CROPS = [T.RandomAffine((0.85, 1.15), 5, shift=6, stretch=0.15), T.RandomFlip(0), T.DropEvents(0.4)]
 # settings, and what training adds to what a test does: the thesis's of 4.4.2 and 5.3.1, or ours of docs/models.md
 PROTOCOLS = [
     (Objects("n-mnist"), DIGITS),
     (Objects("mnist-dvs", features=()), DIGITS),
-    (Objects("n-cars"), OTHERS),
+    (Objects("n-cars"), CROPS),
+    (Objects("n-cars", nodes="pixels", downsample=2, features=()), CROPS),
+    (Objects("cifar10-dvs"), OTHERS),
     (Objects("n-caltech101", features=()), MOVED),
     (Objects("asl-dvs", "gcnn", convolution="gcn", features=("age", "mean3")), OTHERS),
     (Objects("cifar10-dvs", augment=False), []),

@@ -89,7 +89,13 @@ def test_nodes_of_pixels_have_counts_and_times_and_a_smaller_network():
     graph = protocol.pipeline(training=False)(events)
     assert graph.num_nodes == 4
     assert graph.x.shape[1] == model.settings["in_channels"] == 2 + 3 + 18
-    assert sorted(graph.x[:, :2].tolist()) == [[0, 1], [1, 1], [2, 0], [3, 1]]
+    assert sorted(graph.x[:, :2].expm1().round().tolist()) == [[0, 1], [1, 1], [2, 0], [3, 1]]
+    # the crop is in the middle of the sensor
+    assert sorted(graph.pos[:, 0].tolist()) == [11, 12, 58, 107]
+    assert graph.pos[:, 1].tolist() == [49] * 4
+    halved = Objects("n-cars", nodes="pixels", downsample=2, features=())
+    assert built(halved, 120, 100).settings["sensor_size"] == (64, 64)
+    assert halved.pipeline(training=False)(events).sensor_size == (60, 50)
     assert protocol.build((120, 100), 2).eval()(graph).shape == (1, 2)
     # a sensor like N-MNIST's keeps its own network
     assert built(Objects("n-mnist", nodes="pixels"), 34, 34).settings["channels"] == (32, 64, 64, 128, 128)

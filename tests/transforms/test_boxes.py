@@ -21,6 +21,7 @@ MOVING = [
     (T.RandomScale(0.5, 0.9), True),
     (T.RandomScale(1.1, 1.3), True),
     (T.RandomRotate(40), False),
+    (T.Center(), True),
     (T.RandomTranslate(10), True),
     (T.RandomAffine(), False),
     (T.RandomAffine((0.7, 0.9), 30, 5.0, 0.3, 0.2), False),

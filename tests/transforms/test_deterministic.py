@@ -21,6 +21,7 @@ EXAMPLES = [
     (T.Age(), (EVENTS, T.RadiusGraph()(EVENTS))),
     (T.BackgroundActivity(), EVENTS),
     (T.BagOfEvents(100), EVENTS),
+    (T.Center(), EVENTS),
     (T.CenterCrop(9), FRAMES),
     (T.Compose([T.Window(0, 9_000), T.RadiusGraph()]), EVENTS),
     (T.Compose([T.Window(0, 9_000), T.NonUniformSample()]), EVENTS),

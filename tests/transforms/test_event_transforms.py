@@ -118,6 +118,22 @@ def test_events_turn_scale_and_shift_as_nodes_do():
         assert np.array_equal(np.stack((moved.x, moved.y), 1), np.rint(change(graph).pos.numpy()))
 
 
+@given(ev=few)
+def test_events_are_shifted_to_the_middle(ev):
+    found = T.Center()(ev)
+    assert (found.sensor_size, found.t.tolist(), found.p.tolist()) == (ev.sensor_size, ev.t.tolist(), ev.p.tolist())
+    for before, after, size in zip((ev.x, ev.y), (found.x, found.y), ev.sensor_size, strict=True):
+        assert len({*(after - before).tolist()}) <= 1
+        if len(ev):
+            assert 0 <= size - 1 - int(after.min()) - int(after.max()) <= 1
+
+
+def test_events_of_a_list_are_shifted_alike():
+    parts = [Events([0], [0], [0], [1], (9, 9)), Events([], [], [], [], (9, 9)), Events([5], [4], [2], [1], (9, 9))]
+    found = T.Center()(parts)
+    assert [(part.x.tolist(), part.y.tolist()) for part in found] == [([2], [3]), ([], []), ([6], [5])]
+
+
 def test_scaled_random_crops_of_events():
     ev = Events([0, 1, 2], [0, 10, 19], [0, 5, 9], [1, 0, 1], (20, 10))
     found = T.RandomCrop(5, (2.0,))(ev)

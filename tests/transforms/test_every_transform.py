@@ -192,7 +192,7 @@ def outside(where):
 
 # what counts, or moves, events without regard to where they lie
 PLACELESS = (
-    *(T.Each, T.DropByArea, T.DropByTime, T.DropEvents, T.KNNGraph, T.MergePolarities, T.NodeFeatures),
+    *(T.Center, T.Each, T.DropByArea, T.DropByTime, T.DropEvents, T.KNNGraph, T.MergePolarities, T.NodeFeatures),
     *(T.NonUniformSample, T.Points, T.RadiusGraph, T.RandomAffine, T.RandomApply, T.RandomChoice, T.RandomFlip),
     *(T.RandomPolarityFlip, T.RandomRotate, T.RandomRun, T.RandomScale, T.RandomTimeFlip, T.RandomTimeScale),
     *(T.RandomTranslate, T.RandomWindow, T.RelativeTime, T.SelectPolarity, T.SpatialJitter, T.TimeJitter),

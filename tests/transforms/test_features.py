@@ -51,6 +51,13 @@ def test_the_events_of_a_pixel_become_a_node(ev, times, offset):
 
 
 @given(events(max_size=80, width=9, height=7))
+def test_logarithms_of_numbers_leave_times_as_they_are(ev):
+    plain, log = (T.MergePixels(("first", "last"), log)(ev).x for log in (False, True))
+    torch.testing.assert_close(log[:, :2], plain[:, :2].log1p())
+    assert torch.equal(log[:, 2:], plain[:, 2:])
+
+
+@given(events(max_size=80, width=9, height=7))
 def test_merged_pixels_hear_their_nearest(ev):
     graph = T.Compose([T.MergePixels(), T.KNNGraph()])(ev)
     nodes = graph.num_nodes

@@ -25,23 +25,23 @@ LARGEST = 17  # pixels along a side of a patch
 class MergePixels:
     """Merge the events of each pixel into one node, as in the graphs that the thesis's author released for UCF101-DVS.
 
-        Args:
-                times: Additional features of a node, any of "first", "last" and "mean": times of its events, as fractions of
-                the window (default none).
-            log: True for log(1 + number) in place of numbers of events (default False).
-    
-        Returns:
-            A `Graph` without edges, for `KNNGraph` or `RadiusGraph`. `x` has the numbers of ON and of OFF events, then the
-            times; `t` is the mean time, rounded down to µs. Nodes are in order of time. The call takes `Events` or a
-            `Recording`.
+    Args:
+        times: Additional features of a node: any of "first", "last" and "mean", the times of its events as fractions of
+            the window (default: none).
+        log: True for log(1 + number) in place of numbers of events (default False).
 
-        Raises:
-            ValueError: `times` contains anything else.
+    Returns:
+        A `Graph` without edges, for `KNNGraph` or `RadiusGraph`. `x` has the numbers of ON and of OFF events, then the
+        times; `t` is the mean time, rounded down to µs. Nodes are in order of time. The call takes `Events` or a
+        `Recording`.
 
-        Example:
-            >>> from nvsdata import Events, transforms as T
-            >>> T.MergePixels()(Events([0, 10, 30], [1, 1, 7], [1, 1, 7], [1, 0, 1], (8, 8))).x.tolist()
-            [[1.0, 1.0], [1.0, 0.0]]
+    Raises:
+        ValueError: `times` contains anything else.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.MergePixels()(Events([0, 10, 30], [1, 1, 7], [1, 1, 7], [1, 0, 1], (8, 8))).x.tolist()
+        [[1.0, 1.0], [1.0, 0.0]]
     """
 
     times: tuple[Time, ...] = ()
