@@ -127,7 +127,7 @@ def test_only_what_is_needed_for_what_was_asked_is_a_failure(capsys, monkeypatch
     out = capsys.readouterr().out
     assert ("pygame-ce: isn't installed (optional)\n" in out) is not bool(code)
     assert ("pygame-ce: isn't installed\n    --live, --monitor and --calibrate need it" in out) is bool(code)
-    assert f"disk: 0.1 GB are free in {tmp_path} (optional)\n    a minute may take 1 GB" in out
+    assert f"disk: 0.1 GB are free in {tmp_path} (optional)\n    a minute of recording may take 1 GB" in out
     monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: SimpleNamespace(free=doctor.RESERVE - 1))
     assert main(how) == 1
 
