@@ -37,7 +37,7 @@ class Estimate:
     def on_disk(
         cls, out: Path, videos: int, seconds: float, bytes: int, *, frames: int | None = None, reserve: int = 0
     ) -> Self:
-        """Return an estimate for recordings in the folder `out`, which need not exist yet."""
+        """Return an estimate with the free space of the disk of the folder `out`, which need not exist yet."""
         place = next(parent for parent in (out, *out.absolute().parents) if parent.is_dir())
         return cls(videos, seconds, bytes, shutil.disk_usage(place).free, frames, reserve)
 

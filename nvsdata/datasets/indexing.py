@@ -124,7 +124,10 @@ class Samples(Dataset[tuple[Any, Any]]):
         return self._halves(lambda files: held_out(files, fraction), self._scene)
 
     def _scene(self, stem: str) -> str:
-        """Return the name of the scene of a file: files of one scene are held out together. By default its own."""
+        """Return the name of the scene that a file shows; files of one scene are held out together.
+
+        `stem` is the file's name without folder and extension. By default each file is a scene of its own.
+        """
         return stem
 
     def _halves(

@@ -146,7 +146,10 @@ class Contents:
 
 
 def header_lines(data: bytes, mark: bytes) -> tuple[list[str], int, bool]:
-    """Return the header lines at the start of `data`, the offset after them, and whether more may follow `data`."""
+    """Return the lines at the start of `data` that begin with `mark`, and the offset of the byte after them.
+
+    The third value is True if the header may continue beyond the end of `data`.
+    """
     lines: list[str] = []
     end = 0
     while data[end : end + len(mark)] == mark:

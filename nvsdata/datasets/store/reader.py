@@ -179,7 +179,10 @@ class Store:
         return self.stamp(name)
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Return the checksum of the events, and the first time and sensor size, which it doesn't cover."""
+        """Return (checksum of the events, time of the first event in µs, width, height).
+
+        The checksum doesn't cover the last three.
+        """
         number = self._number[name]
         return int(self._crc[number]), self._base[number], *self.sensor_size(number)
 

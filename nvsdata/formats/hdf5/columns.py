@@ -64,7 +64,10 @@ class Column(ABC):
 
     @abstractmethod
     def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
-        """Return values lo..hi in new memory, of type `kind` if that is at least as wide as the stored type."""
+        """Return values lo to hi (excluded) in new memory.
+
+        They have type `kind` if it can hold every value of the stored type, otherwise the stored type.
+        """
 
 
 class Plain(Column):

@@ -38,7 +38,10 @@ def push_times(
 
 
 def logarithms(age: np.ndarray, known: np.ndarray, least: float, most: float) -> np.ndarray:
-    """Return log(age + 1), float32 [N], as in `logarithms_of_ages`; `most` for an age that isn't `known`. O(N)."""
+    """Return log(age + 1), clipped to `least` to `most`, minus `least`: float32 [N]. O(N).
+
+    Ages (µs) that aren't `known` give `most` - `least`.
+    """
     out = np.empty(age.size, np.float32)
     _native.logarithms(age, known, least, most, out)
     return out

@@ -142,13 +142,13 @@ class RandomWindows:
 
 
 def window_length(transform: Any) -> int | None:
-    """Return the duration of the windows that a pipeline cuts.
+    """Return the duration of the random windows that a pipeline cuts.
 
     Args:
         transform: A transform, or a `Compose`, of which the last `RandomWindow` or `RandomWindows` counts.
 
     Returns:
-        The duration in µs, or None if the pipeline cuts no windows.
+        The duration in µs, or None if the pipeline has neither `RandomWindow` nor `RandomWindows`.
 
     Example:
         >>> from nvsdata import transforms as T
@@ -168,7 +168,7 @@ def with_window_length(transform: Any, duration: int) -> Compose:
         duration: New duration in µs.
 
     Raises:
-        ValueError: The pipeline cuts no windows.
+        ValueError: The pipeline cuts no random windows.
 
     Example:
         >>> from nvsdata import transforms as T
@@ -188,7 +188,7 @@ def longest_window(transform: Any, sample: Any) -> int:
         sample: `Events` or a `Recording`.
 
     Raises:
-        ValueError: The pipeline cuts no windows.
+        ValueError: The pipeline cuts no random windows.
 
     Example:
         >>> from nvsdata import Events, transforms as T
