@@ -53,8 +53,9 @@ def accuracy(right: npt.ArrayLike, level: float = 0.95) -> Accuracy:
     """Return an accuracy with Wilson's (1927) confidence interval, over recordings.
 
     Windows of one recording are correlated. With several predictions per recording, the interval therefore
-    uses an effective sample size: the number of independent predictions that would make the accuracy as uncertain as the
-    spread between recordings shows (Kish 1965, section 8.2). It is between the numbers of recordings and of predictions.
+    uses an effective sample size: the number of independent predictions that would make the accuracy as uncertain as
+    the spread between recordings shows (Kish 1965, section 8.2). It is between the numbers of recordings and of
+    predictions.
 
     Args:
         right: 1 (True) for each correct prediction, [N] or [..., N] for several predictions of each of N recordings.
