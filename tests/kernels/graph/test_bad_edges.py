@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.graph import pool, spline
+from nvsdata.kernels.graph import edges, pool, spline
 
 U = np.zeros((2, 2), np.float32)
 X = np.ones((3, 1), np.float32)
@@ -17,13 +17,13 @@ def ints(*values):
 @pytest.mark.parametrize("end", [0, 1])
 @pytest.mark.parametrize("size", [1, 5])
 def test_edges_of_other_nodes(bad, end, size):
-    edges = [ints(0, 1), ints(1, 2)]
-    edges[end][end] = bad
+    ends = [ints(0, 1), ints(1, 2)]
+    ends[end][end] = bad
     for call in (
-        lambda: spline.dense_sums(*edges, U, size, X),
-        lambda: spline.dense_gradient(*edges, U, size, np.ones((3 * size**2, 1), np.float32), 3),
-        lambda: spline.spline_plan(*edges, U, size, 3),
-        lambda: pool.merged_edges(*edges, ints(0, 0, 1), 2),
+        lambda: spline.dense_sums(*ends, U, size, X),
+        lambda: spline.dense_gradient(*ends, U, size, np.ones((3 * size**2, 1), np.float32), 3),
+        lambda: spline.spline_plan(*ends, U, size, 3),
+        lambda: pool.merged_edges(*ends, ints(0, 0, 1), 2),
     ):
         with pytest.raises(IndexError):
             call()
@@ -80,3 +80,13 @@ def test_a_cluster_without_nodes():
     best, where = pool.max_rows(X, ints(0, 2, 2), 3)
     assert best.tolist() == [[1], [0], [1]]
     assert where.tolist() == [[0], [-1], [1]]
+
+
+@pytest.mark.parametrize("wrong", [-1, 3, 4])
+@pytest.mark.parametrize("end", [0, 1])
+def test_edges_end_at_nodes_that_exist(wrong, end):
+    edge = [np.array([2]), np.array([2])]
+    u = np.zeros((1, 2), np.float32)
+    assert edges.check_edges(*edge, u, 3) == edges.GROUPED
+    edge[end][0] = wrong
+    assert edges.check_edges(*edge, u, 3) == edges.NO_SUCH_NODE
