@@ -28,6 +28,7 @@ ANYWHERE = [
     T.MergePixels(("mean",)),
     T.NodeFeatures(T.RadiusGraph(), [T.Age(), T.Patch(3), T.PatchMean(5)]),
     T.Compose([T.NonUniformSample(4), T.RadiusGraph(), T.RandomTranslate(5)]),
+    T.Compose([T.Center(), T.RadiusGraph()]),
     T.Compose([T.RandomWindows(2, 2_000), T.Each(T.KNNGraph())]),
     T.BackgroundActivity(500),
     T.ERGO12(),
@@ -68,7 +69,16 @@ ELSEWHERE = (*ELSEWHERE, T.DART, T.GroupTokens, T.Points, T.RandomAffine, T.Rand
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean)
-WITHIN = (T.Each, T.Graph2Grid, T.NodeFeatures, T.RandomTemporalCrop, T.RandomTranslate, T.SlidingClips, T.WithBoxes)
+WITHIN = (
+    T.Center,
+    T.Each,
+    T.Graph2Grid,
+    T.NodeFeatures,
+    T.RandomTemporalCrop,
+    T.RandomTranslate,
+    T.SlidingClips,
+    T.WithBoxes,
+)
 
 
 def in_last_corner(size):
