@@ -28,7 +28,6 @@ ANYWHERE = [
     T.MergePixels(("mean",)),
     T.NodeFeatures(T.RadiusGraph(), [T.Age(), T.Patch(3), T.PatchMean(5)]),
     T.Compose([T.NonUniformSample(4), T.RadiusGraph(), T.RandomTranslate(5)]),
-    T.Compose([T.Center(), T.RadiusGraph()]),
     T.Compose([T.RandomWindows(2, 2_000), T.Each(T.KNNGraph())]),
     T.BackgroundActivity(500),
     T.ERGO12(),
