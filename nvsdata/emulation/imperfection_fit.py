@@ -71,8 +71,8 @@ def without_harmful_leak(
 ) -> DVS:
     """Return the settings without the estimated leak if it lowers the correlation with the sensor's events.
 
-    With a leak, pixels start at random distances from their thresholds, so many fire at changes far below a threshold.
-    In noisy frames, such events occur at all pixels.
+    With a leak, pixels start at random distances from their thresholds. Therefore many of them fire at changes far
+    below a threshold. In noisy frames, such events occur at all pixels.
 
     Args:
         settings: Settings with the leak.

@@ -83,14 +83,14 @@ class GMMConv(nn.Module):
         source, target = edge_index
         apart = (u.unsqueeze(1) - self.mean) / (self.deviation**2 + 1e-15).sqrt()
         weights = torch.exp(-0.5 * (apart * apart).sum(2))
-        out, neighbors = self.root(x), x[source]
+        out: torch.Tensor = self.root(x)
+        neighbors = x[source]
         count = _degree(target, x).clamp(min=1).unsqueeze(1)
         # one kernel at a time, because all at once would take E x K x C numbers
         for weight, matrix in zip(weights.T, self.linear.weight.view(self.kernels, self.out_channels, -1), strict=True):
             summed = torch.zeros_like(x).index_add(0, target, weight.unsqueeze(1) * neighbors)
             out = out + summed / count @ matrix.T
-        result: torch.Tensor = out
-        return result
+        return out
 
 
 class GINConv(nn.Module):

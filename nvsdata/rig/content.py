@@ -182,8 +182,11 @@ class Inspector:
 
     def _compared_with_others(self, found: Content) -> list[str]:
         reasons = []
-        names = {"scale": "recorded events per emulated event", "cover": "fraction of the sensor that sees the screen"}
-        names["seen"] = "fraction of the flashes that a pixel recorded"
+        names = {
+            "scale": "recorded events per emulated event",
+            "cover": "fraction of the sensor that sees the screen",
+            "seen": "fraction of the flashes that a pixel recorded",
+        }
         for name, (low, high) in RELATIVE.items():
             value, usual = getattr(found, name), self._usual(name)
             if value is not None and usual and not low <= value / usual <= high:

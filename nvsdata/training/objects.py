@@ -15,6 +15,7 @@ from nvsdata.data.pseudo import Pseudo, axes
 from nvsdata.training.optimizers import adam, one_cycle, sgd
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
+from nvsdata.transforms.events.crops import downsampled_size
 from nvsdata.transforms.events.sampling import BETA
 from nvsdata.transforms.graphs.edges import PSEUDO
 
@@ -34,8 +35,7 @@ SMALL = "n-mnist"  # dataset with so few events that each event is a node
 USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
 # settings for 34x34 pixels, and for larger sensors: streams of a causal graph are pooled after the last block only
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
-# settings for a node per pixel, by the sensor's largest side: these nodes are on a grid, so fewer channels and smaller
-# clusters are as accurate
+# settings for a node per pixel, by the sensor's largest side
 PIXELS: dict[int, dict[str, Any]] = {
     64: {"channels": (32, 64, 128), "clusters": ((2, 2), (5, 5), (10, 10)), "hidden": 128, "sensor_size": (64, 64)},
     128: {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128},
@@ -218,7 +218,7 @@ class Objects:
         """
         if self.network in IMAGE_NETWORKS:
             return IMAGE_NETWORKS[self.network](classes)
-        sensor_size = tuple(-(-side // self.downsample) for side in sensor_size)  # type: ignore[assignment]
+        sensor_size = downsampled_size(sensor_size, self.downsample)
         side = max(sensor_size)
         nearest = "n-mnist" if side <= 34 else "cifar10-dvs" if side <= 128 else "asl-dvs"
         name = self.dataset if self.dataset in models.CONFIGURATIONS else nearest

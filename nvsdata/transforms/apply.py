@@ -29,16 +29,24 @@ class SpatialTransform(ABC):
 
     @abstractmethod
     def _change(self, sample: Any) -> Change:
-        """Return the change of one part of the sample or of its boxes. All random numbers are sampled here."""
+        """Return the change of one part of the sample, which is decoded, or of its boxes.
+
+        All random numbers are sampled here.
+        """
 
     def __call__(self, sample: Any) -> Any:
-        return map_sample(sample, self._change(sample), graphs=self.graphs, images=self.images)
+        sample = self._map(sample, lambda part: part)
+        return self._map(sample, self._change(sample))
 
     def with_boxes(self, sample: Any, boxes: Boxes) -> tuple[Any, Boxes]:
         """Return the changed sample, and its boxes after the same change."""
+        sample = self._map(sample, lambda part: part)
         change = self._change(sample)
         moved = move_boxes(sample, boxes, change)
-        return map_sample(sample, change, graphs=self.graphs, images=self.images), moved
+        return self._map(sample, change), moved
+
+    def _map(self, sample: Any, change: Change) -> Any:
+        return map_sample(sample, change, graphs=self.graphs, images=self.images)
 
 
 def map_sample(sample: Any, change: Change, *, graphs: bool = False, images: bool = False) -> Any:

@@ -104,7 +104,7 @@ def crop_events(events: Moving, x: int, y: int, width: int, height: int) -> Movi
 
 def downsample(events: Moving, factor: int, step: int = 1) -> Moving:
     """Return events, or boxes, at a lower resolution; see `Downsample`."""
-    size = (-(-events.sensor_size[0] // factor), -(-events.sensor_size[1] // factor))
+    size = downsampled_size(events.sensor_size, factor)
     if isinstance(events, Boxes):
         return events.seen(0, 0, (1 / factor, 1 / factor), size)
     t, x, y, p = events.columns
@@ -114,6 +114,12 @@ def downsample(events: Moving, factor: int, step: int = 1) -> Moving:
         divisor = np.int16(min(factor, 2**15 - 1))
         x, y = x // divisor, y // divisor
     return events.resized(Columns(t, x, y, p), size)
+
+
+def downsampled_size(sensor_size: tuple[int, int], factor: int) -> tuple[int, int]:
+    """Return the size of a sensor at a lower resolution, rounded up."""
+    width, height = sensor_size
+    return -(-width // factor), -(-height // factor)
 
 
 def resize_events(events: Moving, width: int, height: int) -> Moving:

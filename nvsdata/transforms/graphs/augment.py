@@ -20,7 +20,7 @@ from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.transforms.apply import Change, SpatialTransform, decoded
+from nvsdata.transforms.apply import Change, SpatialTransform
 from nvsdata.transforms.rng import uniform
 
 Mirrored = TypeVar("Mirrored", Graph, Events, Boxes)
@@ -175,16 +175,18 @@ class Center(SpatialTransform):
     deterministic: ClassVar[bool] = True
 
     def _change(self, sample: Any) -> Change:
-        listed = [part for part in decoded(sample)[1] if len(part)]
-        if not listed:
+        parts = [part for part in (sample if isinstance(sample, list) else [sample]) if len(part)]
+        if not parts:
             return lambda part: part
-        dx, dy = (
-            (size - 1 - min(column.min() for column in columns) - max(column.max() for column in columns)) // 2
-            for size, columns in zip(
-                listed[0].sensor_size, zip(*((e.x, e.y) for e in listed), strict=True), strict=True
-            )
-        )
-        return lambda part: affine(part, dx=int(dx), dy=int(dy))
+        width, height = parts[0].sensor_size
+        dx = _to_middle(np.concatenate([part.x for part in parts]), width)
+        dy = _to_middle(np.concatenate([part.y for part in parts]), height)
+        return lambda part: affine(part, dx=dx, dy=dy)
+
+
+def _to_middle(pixels: np.ndarray, size: int) -> int:
+    """Return the shift after which pixels are in the middle of an axis of `size` pixels."""
+    return (size - 1 - int(pixels.min()) - int(pixels.max())) // 2
 
 
 @dataclass(frozen=True)
