@@ -148,7 +148,8 @@ def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike, level: floa
     and for all windows are exact.
 
     Args:
-        voters: Log-probabilities [rounds, windows, N, classes].
+        voters: Log-probabilities [rounds, windows, N, classes]; in each round, `windows` windows are cut from each of N
+            recordings.
         targets: True classes [N].
         level: Fraction of such intervals that contain the true accuracy (default 0.95).
 

@@ -1,6 +1,7 @@
 """Clusters of nodes, and the maximum or mean of their features: by our kernels on the CPU, by torch elsewhere.
 
-While torch traces a network without values, `GraphPool` calls registered operators; see `models.spline_sum`.
+While torch traces a network (`torch.compile`, `torch.export`, tensors on the device "meta"), tensors have no values.
+`GraphPool` then calls these functions as operators that are registered with torch; see `models.spline_sum`.
 """
 
 from __future__ import annotations

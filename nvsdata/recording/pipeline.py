@@ -62,8 +62,9 @@ class Waiting:
 class CameraReader(Thread):
     """Thread that reads a camera's stream.
 
-    From `begin` on, the thread keeps up to `ROOM` bytes until they are taken. Bytes beyond that are dropped and counted
-    as `lost`. With a `journal`, blocks are written to it before they can be taken; reading ends if the disk is full.
+    From `begin` on, the thread keeps up to `ROOM` bytes (64 MiB) until the decoder takes them. Bytes beyond that are
+    dropped and counted as `lost`. If `keep` is called with a journal, blocks are written to it before they can be
+    taken; reading ends if the disk is full.
     """
 
     def __init__(self, camera: Camera, seconds: float | None, stop: Event) -> None:

@@ -33,10 +33,12 @@ def emulated(
 ) -> np.ndarray:
     """Count the events that PIX2NVS emulates for a video on the screen, by time bin and cell, float64 [bins, cells].
 
+    Bins are `BIN` µs long, from the beginning of the video on. Cells are `CELL` x `CELL` pixels, row by row.
+
     Args:
         video: The video.
         monitor: Monitor that shows it.
-        corners: Corners of the screen on the sensor, from its upper left clockwise, float32 [4, 2].
+        corners: Corners of the screen on the sensor, from its upper left clockwise, in pixels, float32 [4, 2].
         size: (width, height) of the sensor.
         bins: Number of bins of time.
         drift: Relative drift of the camera's clock against the host's (default 0).

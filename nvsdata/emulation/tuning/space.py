@@ -31,7 +31,10 @@ class Range:
     whole: bool = False
 
     def at(self, share: float) -> float:
-        """Return the number at a fraction (0 to 1) of the way from `low` to `high`."""
+        """Return the number at a fraction (0 to 1) of the way from `low` to `high`.
+
+        If `log`, it is a fraction of the logarithm. If `whole`, each integer has an equal part of the fractions.
+        """
         if self.whole:
             return min(int(self.low + share * (self.high - self.low + 1)), int(self.high))
         if self.log:
