@@ -20,9 +20,14 @@ LONG = 1.0  # s, after which a call isn't repeated needlessly
 def serve(connection: Connection, task: str, options: Options, library: str) -> None:
     """Answer requests until the other end of the connection closes.
 
-    Requests are `("prepare", key)`, `("time", key, calls)` and `("drop",)`, which releases all prepared cases. Answers
-    are dicts: error, counters and memory of the prepared case; {"spent": seconds of each call}; or {"missing": reason}
-    for a library that isn't installed, and {"failed": reason}.
+    Requests are tuples, answers dicts:
+
+    - `("prepare", key)` makes the case of this key and runs it. The answer is that of `_checked`.
+    - `("time", key, calls)` calls a prepared case `calls` times. The answer is {"spent": seconds of each call}.
+    - `("drop",)` releases all prepared cases. The answer is empty.
+
+    If the library isn't installed, the answer is {"missing": reason}. After any other exception it is {"failed":
+    reason}.
 
     Args:
         connection: Connection to the process that measures.

@@ -136,7 +136,7 @@ class Piece(Events):
 
 
 def without_samples(events: Events) -> Events:
-    """Return the events without other data, for formats that contain only events."""
+    """Return the events without frames, inertial samples and triggers, for formats that contain only events."""
     return events.of(events.columns) if isinstance(events, Piece) else events
 
 

@@ -192,12 +192,18 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     @cached_property
     def names(self) -> list[tuple[str, str]]:
-        """Class and name of each sample, on which random splits depend; independent of folders and split."""
+        """Class and name of each sample, on which random splits depend.
+
+        They depend neither on the folder of a file nor on its place in a split.
+        """
         return [(self.classes[sample.label], self._name_of(sample)) for sample in self.samples]
 
     @cached_property
     def split_hash(self) -> str:
-        """16 hex digits that identify the samples by class, name and label, the same for a folder and a store."""
+        """16 hex digits that identify the samples by class, name and label.
+
+        They are the same whether the dataset is read from its folder or from a packed store.
+        """
         return split_hash((*name, label) for name, label in zip(self.names, self.targets, strict=True))
 
     def __len__(self) -> int:

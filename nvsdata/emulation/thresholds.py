@@ -194,14 +194,16 @@ def fit_thresholds(
     """Return the settings with thresholds that result in the numbers of events in `real`.
 
     A threshold that can't be identified is copied from `given`, and the reason is added to `unidentified`. Then the
-    search for the other threshold is repeated.
+    search for the other threshold is repeated. If neither can be identified, `given` is returned, and `dark` counts as
+    unidentified, too.
 
     Args:
         start: Settings to begin with.
         given: Settings with the thresholds to use if they can't be identified.
         frames: Frames of the scene.
         real: Events of the sensor.
-        needed: Numbers of OFF and of ON events without those of leak and noise.
+        needed: [2], the numbers of OFF and ON events of `real` that leak and noise don't explain. A threshold with fewer
+            than `FEWEST` events can't be identified.
         unidentified: Reasons by setting; new ones are added.
     """
     for name, moved in zip(NAMES, needed, strict=True):

@@ -79,7 +79,10 @@ class WithBoxes:
 
 
 def _kept(value: Any, boxes: Boxes, count: int) -> Any:
-    """Select the entries of the remaining boxes, if a value has an entry for each of the original `count` boxes."""
+    """Select the entries of the remaining boxes from a value that has an entry for each of the original `count` boxes.
+
+    Other values are returned unchanged.
+    """
     if isinstance(value, list | tuple) and len(value) == count:
         return type(value)([value[i] for i in boxes.index.tolist()])
     if isinstance(value, torch.Tensor | np.ndarray) and value.shape[:1] == (count,):

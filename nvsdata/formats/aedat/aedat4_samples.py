@@ -1,4 +1,7 @@
-"""Frames, inertial samples and triggers in packets of AEDAT 4; struct.error or ValueError for damaged packets."""
+"""Frames, inertial samples and triggers in packets of AEDAT 4.
+
+Damaged packets raise struct.error or ValueError.
+"""
 
 from __future__ import annotations
 

@@ -21,10 +21,11 @@ NEVER = LATEST  # µs
 class Sensor(NamedTuple):
     """Constants of a sensor, the same for all frames.
 
-    - `table`: level for each gray byte, or for each luminance in thousandths; empty to compute logarithms of colors
+    - `table`: level (logarithm of brightness) of each gray byte, or of each luminance in thousandths; empty if the
+      logarithms of color frames are computed for every frame
     - `dark`: brightness that is added before the logarithm, in thousandths of a gray level
     - `thresholds` [2]: thresholds of OFF and ON; `each` [2, H, W]: thresholds of single pixels, or empty
-    - `leak`: decrease of the memory per µs
+    - `leak`: decrease per µs of a pixel's memory, its level at the last event
     - `speed`: rate of the photoreceptor of a white pixel in 1/µs; 0 for a photoreceptor without delay
     """
 

@@ -66,7 +66,13 @@ class Tiles(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """The state of pixels; `difference` has only the rows of a band."""
+    """The state of pixels, arrays of one float type.
+
+    - `plane`: perceived brightness (eq. 3.1)
+    - `level`: the same, or its contrast with the neighbors (eq. 3.2)
+    - `reference`: level with which the next frame is compared
+    - `difference`: level minus reference (eq. 3.3 or 3.4), only for the rows of one band
+    """
 
     plane: np.ndarray
     level: np.ndarray

@@ -89,7 +89,10 @@ class StreamRecording(FileRecording):
             self._repair(name, count)
 
     def _in_order(self, decoder: DavisDecoder, last: int | None) -> Iterator[Piece]:
-        """Yield a decoder's events; raise FormatError if times decrease: the file was changed since it was opened."""
+        """Yield a decoder's events before `last` µs (all if None).
+
+        Decreasing times raise a FormatError, because the file was changed since it was opened.
+        """
         latest = 0
         for piece, _ in decoder.decoded(self._blocks(), last):
             if len(piece) and (int(piece.t[0]) < latest or not is_sorted(piece.t)):

@@ -121,7 +121,8 @@ class MotionCrop:
 class FourCrops:
     """Cut the squares used for testing in the thesis.
 
-    The order is: the most active square (`MotionCrop`), the same mirrored, the central square, the same mirrored.
+    The order is: the most active square (`MotionCrop`), the same mirrored left to right, the central
+    square, the same mirrored left to right.
 
     Args:
         size: Side in pixels (default 24).
