@@ -33,7 +33,8 @@ def windows(dataset: Data, duration: int | None = None, *, events: int | None = 
     """Return the dataset with one sample per window of each recording, in order, instead of one per recording.
 
     The first window begins at the first event or, in a labeled part of a recording (DVS128 Gesture), at the part's
-    beginning. No window crosses the end of the recording or part; the last windows may be shorter. Reading a window decodes only that window.
+    beginning. No window crosses the end of the recording or part; the last windows may be shorter. Reading a window
+    decodes only that window.
     `samples[i].window` is the window (start, stop) of sample i in µs.
 
     An index `.nvsdata-windows-....json` is kept in the root, if it is a folder that can be written to. It contains the

@@ -202,8 +202,8 @@ def fit_thresholds(
         given: Settings with the thresholds to use if they can't be identified.
         frames: Frames of the scene.
         real: Events of the sensor.
-        needed: [2], the numbers of OFF and ON events of `real` that leak and noise don't explain. A threshold with fewer
-            than `FEWEST` events can't be identified.
+        needed: [2], the numbers of OFF and ON events of `real` that leak and noise don't explain. A threshold with
+            fewer than `FEWEST` events can't be identified.
         unidentified: Reasons by setting; new ones are added.
     """
     for name, moved in zip(NAMES, needed, strict=True):
