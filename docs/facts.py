@@ -1,4 +1,4 @@
-"""Tables made from the registries: datasets, transforms, commands, formats."""
+"""Tables made from the registries (datasets, transforms, commands, formats) and from measurements."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import argparse
 import inspect
 from importlib import import_module
 from urllib.parse import urlsplit
+
+import figures
 
 from nvsdata import transforms
 from nvsdata.cli import COMMANDS
@@ -16,9 +18,15 @@ from nvsdata.formats import FORMATS
 def table(name: str) -> str:
     """Return a table in Markdown by its name; "dataset n-mnist" and the like is that of one dataset."""
     kind, _, rest = name.partition(" ")
-    return {"datasets": _datasets, "transforms": _transforms, "commands": _commands, "formats": _formats}.get(
-        kind, lambda: _dataset(rest)
-    )()
+    tables = {
+        "datasets": _datasets,
+        "transforms": _transforms,
+        "commands": _commands,
+        "formats": _formats,
+        "comparison": lambda: _rows(*figures.comparison()),
+        "growth": lambda: _rows(*figures.growth()),
+    }
+    return tables.get(kind, lambda: _dataset(rest))()
 
 
 def _rows(*rows: tuple[str, ...]) -> str:
