@@ -125,7 +125,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _where(error: Exception, args: argparse.Namespace) -> str:
-    """Return a note with all paths among the arguments, for a system error without a file name about one of them."""
+    """Return a note that lists the paths among the arguments, for a system error that names no file."""
     from pathlib import Path
 
     from nvsdata.common.errors import shown

@@ -149,7 +149,7 @@ def describe(found: Fit, emulated: Events, real: Events) -> str:
 def emulators(
     frames: list[VideoFrame], events: Events, found: Fit, args: argparse.Namespace, journal: Path
 ) -> dict[str, Emulate]:
-    """Return the emulators by name, fitted to frames and events; `found` is the fit of all of DVS but noise."""
+    """Return the emulators by name, fitted to frames and events; `found` is the fit of DVS without noise."""
     train, known = part(frames, events, found.delay)
     dark = found.settings.dark
     noisy = fit(frames, events, base=DVS(upsample="flow"), delay=found.delay)
@@ -238,7 +238,7 @@ def measure_parts(found: Events, real: Events, frames: list[VideoFrame]) -> list
 
 
 def cut(events: Events, times: tuple[int, int], columns: tuple[int, int], rows: tuple[int, int]) -> Events:
-    """Return the events of a part, with times and places that begin at 0."""
+    """Return the events of a part, with times and coordinates from 0 on."""
     t, x, y, p = (column[slice(*np.searchsorted(events.t, times))] for column in events.columns)
     kept = (x >= columns[0]) & (x < columns[1]) & (y >= rows[0]) & (y < rows[1])
     size = columns[1] - columns[0], rows[1] - rows[0]
@@ -247,7 +247,7 @@ def cut(events: Events, times: tuple[int, int], columns: tuple[int, int], rows: 
 
 
 def measure(found: Events, real: Events) -> dict[str, Any]:
-    """Return the distances of a part, numbers of events, and sums of which the correlation is made."""
+    """Return the distances of a part, numbers of events, and sums from which the correlation is computed."""
     a, b = (count_images(events).sum(axis=0) for events in (found, real))
     return {
         "inverse": 1 - metrics.epsilon_repeatability(found, real).value,
@@ -262,9 +262,10 @@ def measure(found: Events, real: Events) -> dict[str, Any]:
 
 
 def bootstrap(parts: list[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Return samples of the figures of all parts; the first is of each part once, the others are random.
+    """Return bootstrap samples of the figures over all parts; the first sample contains each part once.
 
-    Distances are means over the events that they are from, the last two figures over those of the sensor.
+    Distances are means over parts, weighted by the numbers of events from which they are measured; the last two figures
+    are weighted by the sensor's numbers of events.
     """
     number = len(parts)
     drawn = np.random.default_rng(0).integers(0, number, (SAMPLES, number))
@@ -305,7 +306,7 @@ def interval_difference(ours: Events, real: Events) -> float:
 
 
 def first_event_difference(ours: Events, real: Events) -> float:
-    """Return the median ms between the first events of a pixel and polarity, where both have one."""
+    """Return the median difference in ms between first events of the same pixel and polarity, where both have one."""
     keys, times = zip(*(first_events(events) for events in (ours, real)), strict=True)
     _, i, j = np.intersect1d(*keys, return_indices=True)
     return float(np.median(np.abs(times[0][i] - times[1][j]))) / 1e3 if i.size else float("nan")

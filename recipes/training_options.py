@@ -113,7 +113,7 @@ def parsed(parser: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """Read what a report says of its run. ValueError if it isn't a report."""
+    """Read the report of a run. ValueError if it isn't a report."""
     try:
         report = json.loads(path.read_bytes())
         if all(isinstance(word, str) for word in report["run"]["command"]) and isinstance(report["data"], dict):

@@ -82,7 +82,7 @@ def main() -> None:
 
 
 def distort(events: Events, fps: float, rng: np.random.Generator) -> Iterator[tuple[str, Events]]:
-    """Yield names and events of the rows of the table."""
+    """Yield the events, and distorted copies of them, each with its name in the table."""
     yield "original", events
     for factor in (2, 3, 4):
         width, height = (side // factor for side in events.sensor_size)

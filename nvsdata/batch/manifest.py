@@ -72,7 +72,7 @@ class Manifest(Journal):
         self.replaced: dict[str, Path] = {}  # if the run overwrites, the earlier recording of each video
 
     def has(self, video: Video, statuses: tuple[str, ...], *, check: bool = False) -> bool:
-        """Return whether the video is unchanged, has one of the statuses, and its recording is there.
+        """Return whether the video is unchanged, has one of the statuses, and has its recording.
 
         The size of the recording is compared, and with `check` its sha256, too.
         """
@@ -130,10 +130,10 @@ def files_of(lines: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
 
 
 def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
-    """Return the videos, each with the recording in `out` that the manifest's `lines` name for it, if they do.
+    """Return the videos, with the recordings that the manifest's `lines` name for them in the folder `out`.
 
-    Otherwise a video that was added since, such as a.mp4 next to a.avi, would change the names of other videos'
-    recordings.
+    A video without such a line keeps its recording. Without the lines, a video that was added since, such as a.mp4 next
+    to a.avi, would change the names of other videos' recordings.
 
     Raises:
         ValueError: Two videos would have the same recording.
@@ -149,7 +149,11 @@ def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Pat
 
 
 def file_facts(video: Video) -> dict[str, Any]:
-    """Return the facts about a video's file for its line of the manifest. OSError if it can't be read."""
+    """Return size, modification time and SHA-256 of a video's file for its line of the manifest.
+
+    Raises:
+        OSError: The file can't be read.
+    """
     # queried before the content is read, so that a change meanwhile has a later time
     found = video.path.stat()
     return {"bytes": found.st_size, "modified": found.st_mtime_ns, "sha256": sha256(video.path)}

@@ -1,4 +1,4 @@
-"""Manifests of a folder of recordings that is made by one process, or by several, each for a shard of the videos."""
+"""Manifests of a folder of recordings: one for all videos, or one for each shard of the videos."""
 
 from __future__ import annotations
 

@@ -72,5 +72,5 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Name that no other case of the task has."""
+        """Name of the case, unique within its task."""
         return f"{self.benchmark} | {self.library} | {dict(self.settings)} | {dict(self.size)}"

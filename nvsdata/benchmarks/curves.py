@@ -90,7 +90,7 @@ def bends_upward(measurements: Sequence[Measurement]) -> bool:
 
 
 def _growth(points: Sequence[Measurement]) -> float:
-    """Return the exponent with which the fastest counter grows with size, from first to last; 0 without counters."""
+    """Return the exponent of the counter that grows fastest with size, from first to last; 0 without counters."""
     first, last = points[0], points[-1]
     ratios = [last.counters[name] / count for name, count in first.counters.items() if count and name in last.counters]
     if not ratios or last.place == first.place:

@@ -86,7 +86,7 @@ def frame_event_pairs(folder: Path) -> list[Path]:
 
 
 def missing_recordings(folder: Path) -> list[str]:
-    """Return names of the kinds of data that benchmarks use and a folder doesn't have."""
+    """Return the names of the kinds of benchmark data that a folder doesn't have."""
     found = {
         "N-MNIST": _digit_files(folder),
         "recording of a 240x180 sensor": _largest_recording(folder),

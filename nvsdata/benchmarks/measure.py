@@ -28,7 +28,7 @@ def time_calls(ready: PreparedCase, calls: int) -> list[float]:
 
 
 def peak_memory(run: Callable[[], Any], device: str = "cpu") -> int | None:
-    """Return the bytes by which a call raises the memory of the process, at its peak.
+    """Return the peak increase of the memory of the process during a call.
 
     Memory that is still allocated from earlier calls doesn't count. Memory that the C library has cached is released
     first.

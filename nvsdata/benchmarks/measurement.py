@@ -70,7 +70,7 @@ class Measurement:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Fields by which the same measurement of an earlier run is found."""
+        """Fields that identify the same measurement in an earlier run."""
         values = (f"{name}={value}" for group in (self.settings, self.size) for name, value in sorted(group.items()))
         return (self.task, self.benchmark, self.library, self.device, self.scope, *values)
 

@@ -95,7 +95,7 @@ def is_dead_lock(path: Path) -> bool:
             return False
         with path.open(encoding="utf-8") as file:
             if path.name == FOLDER_LOCK and not path.stat().st_size:
-                # the process ended before it signed its lock; an empty file of another name may be another program's
+                # the process ended before it wrote its name; an empty file of another name may be another program's
                 return _try_lock(file, shared=True) is True
             return is_dead(str(_holder(file).get("owner"))) and _try_lock(file, shared=True) is not False
     except (OSError, ValueError):
@@ -158,7 +158,7 @@ def _alive(pid: int) -> bool:
 
 
 def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
-    """Return the lock file, locked and signed by this process."""
+    """Return the lock file, locked, with this process written into it as the owner."""
     while True:
         # an existing file is opened as it is: it may belong to another process, or be left by a dead one
         try:
@@ -181,7 +181,7 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
                 _sign(file)
                 return file
         except BaseException:
-            # an unsigned lock file, such as after a signal, couldn't be distinguished from another program's file
+            # a lock file without an owner, left by a signal, couldn't be distinguished from another program's file
             if free and _is_still(file, place):
                 place.unlink()
             file.close()

@@ -1,4 +1,4 @@
-"""Registries by name of nvsdata's objects, objects that a program registers, and objects of installed packages."""
+"""Registries: objects by name, from nvsdata, from the user's program and from installed packages."""
 
 from __future__ import annotations
 

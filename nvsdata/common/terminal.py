@@ -100,7 +100,7 @@ def remark(text: str) -> None:
 
 
 def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
-    """Write a result to stdout: as text, or its facts as a line of JSON (null for NaN and infinity)."""
+    """Write a result to stdout: `text` or, if `as_json`, `facts` as a line of JSON (null for NaN and infinity)."""
     with named("standard output"):
         print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
 

@@ -50,7 +50,7 @@ class Boxes:
         return self._cut(torch.cat((corners.amin(1), corners.amax(1)), 1), self.sensor_size)
 
     def seen(self, x: float, y: float, scale: tuple[float, float], sensor_size: tuple[int, int]) -> Boxes:
-        """Return the boxes on another sensor of `sensor_size`.
+        """Return the boxes in the coordinates of another sensor of `sensor_size`.
 
         The other sensor's top left corner is at (x, y), in pixels of this sensor. Its pixels are 1 / scale as wide and
         high as those of this sensor.

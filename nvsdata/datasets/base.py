@@ -225,7 +225,7 @@ class EventDataset(Samples):
         return [s for s in found if self.split_name == "all" or for_testing(s) == (self.split_name == "test")]
 
     def part_of(self, folder: str) -> str | None:
-        """Return "train" or "test", whichever the name of the folder or of one above it contains; None if neither."""
+        """Return "train" or "test", from the first name in the folder's path that contains one; None if none does."""
         for part in folder.lower().split("/"):
             if "train" in part or "test" in part:
                 return "train" if "train" in part else "test"

@@ -66,7 +66,7 @@ class Source(Protocol):
         """Return numbers that change when the recording changes."""
 
     def settled(self, name: str, at: int) -> bool:
-        """Return whether a recording's stamp certainly belongs to the content read at the time `at` (ns since 1970)."""
+        """Return True if a recording's stamp identifies the content that was read at the time `at` (ns since 1970)."""
 
 
 def save_facts(path: Path, content: dict[str, Any]) -> None:
@@ -191,5 +191,8 @@ class Folder:
         return status.st_size, status.st_mtime_ns
 
     def settled(self, name: str, at: int) -> bool:
-        """Return whether the file wasn't changed around `at`; otherwise it may change again without a new time."""
+        """Return True if the file was last changed well before or after `at` (ns since 1970).
+
+        A file that changed shortly before `at` may change again without a new modification time.
+        """
         return abs(at - self.stamp(name)[1]) > SETTLED_NS

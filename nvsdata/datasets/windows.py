@@ -118,7 +118,7 @@ class _Index:
         self.known: dict[str, Any] = self._read()
 
     def places(self, sample: Sample) -> Places:
-        """Return the places at which the windows of a sample begin, and the end of the last window."""
+        """Return the beginnings of the windows of a sample, and the end of the last window; see `Places`."""
         key = sample.name + sample.part
         stamp = list(self.dataset.source.stamp(sample.name))
         entry = self.known.get(key)
@@ -175,7 +175,7 @@ def _is_place(entry: Any) -> bool:
 
 
 def _every(recording: Recording, step: int) -> Places:
-    """Return the places (see `Places`) of windows that begin at every `step`-th event."""
+    """Return the beginnings (see `Places`) of windows that begin at every `step`-th event."""
     t = recording.read().t
     if not t.size:
         return [], 0

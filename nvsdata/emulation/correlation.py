@@ -71,7 +71,7 @@ class BlockBootstrap:
 
 
 class Peak(NamedTuple):
-    """Place of the maximum of a function in each sample of a bootstrap.
+    """Position of the maximum of a function in each sample of a bootstrap.
 
     Args:
         places: Vertices of the parabolas through the largest value and its neighbors, float64 [samples].

@@ -147,7 +147,7 @@ def _tone_table(settings: PIX2NVSSettings) -> np.ndarray:
 
 
 def _slope(settings: PIX2NVSSettings) -> float:
-    """Return the slope of the linear part of the logarithm (3.1)."""
+    """Return the slope of the linear part of the logarithm (thesis, eq. 3.1)."""
     return float(np.log(settings.t_log) / settings.t_log) if settings.continuous and settings.t_log else 1.0
 
 

@@ -135,7 +135,7 @@ class _Profile:
         self._apart[dark] = light - self._real_light
 
     def places(self) -> np.ndarray:
-        """Return the logarithm of the best `dark` of each sample, limited to the range of the values tried."""
+        """Return the logarithm of the best `dark` of each bootstrap sample, limited to the range of values tried."""
         darks = sorted(self.tried)
         # brightness rises with `dark`, apart from rounding
         apart = np.maximum.accumulate([self._apart[dark] for dark in darks])
@@ -181,7 +181,7 @@ class _Profile:
 
 
 def _interpolated(places: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate `values` [known, samples] linearly at one place per sample; return [samples]."""
+    """Interpolate each column of `values` [known, samples] linearly at its entry of `places`; return [samples]."""
     right = np.searchsorted(known, places).clip(1, known.size - 1)
     share = (places - known[right - 1]) / (known[right] - known[right - 1])
     columns = np.arange(places.size)

@@ -72,7 +72,7 @@ class ClockedFile(PiecedFile):
             raise self._jump()
 
     def _jump(self) -> FormatError:
-        """Return the error for a file with times that no camera writes."""
+        """Return the error for a file with impossible times (see `is_jump`)."""
         kept = self._kept()
         damaged = f"{kept.size - np.count_nonzero(kept)} of {kept.size} records are damaged"
         reason = f"a time that no camera writes: {damaged}, or the clock was set back; strict=False drops them"

@@ -114,7 +114,7 @@ def _block(spikes: Spikes, size: tuple[int, int], side: int) -> np.ndarray:
 
 
 def _emd_of(a: Spikes, b: Spikes, width: int, cell: int) -> tuple[float, float]:
-    """Return the distance of eq. 3.16 for a block with spikes of both sequences, and the bound of its error."""
+    """Return the distance (thesis, eq. 3.16) for a block with spikes of both sequences, and the bound of its error."""
     mass_a, mass_b = np.abs(a.total), np.abs(b.total)
     flow = min(mass_a.sum(), mass_b.sum())
     left_a, left_b = cancel(a.y * width + a.x, mass_a, b.y * width + b.x, mass_b)

@@ -1,9 +1,9 @@
 """Networks.
 
 `rgcnn(name)` and `gcnn(name)` build the thesis's networks for single graphs (thesis, section 4.4.2), configured for the
-dataset `name`. `rgcnn3d(name, temporal)` builds those for sequences of graphs (section 5.3.1). `reference` contains the
-baselines, and `NETWORKS` all networks by name. `save` and `load` write and read trained networks, `fused` speeds up
-inference, and `complexity` counts operations and weights.
+dataset `name`. `rgcnn3d(name, temporal)` builds those for sequences of graphs (thesis, section 5.3.1). `reference`
+contains the baselines, and `NETWORKS` all networks by name. `save` and `load` write and read trained networks, `fused`
+speeds up inference, and `complexity` counts operations and weights.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ class Activation(nn.Module):
 
 
 def activated_pool(cluster: Size, sensor_size: Size, pooling: Pooling) -> list[nn.Module]:
-    """Return the activation of a block and the pooling after it (eqs. 4.6, 4.9), as two layers.
+    """Return the activation of a block and the pooling after it (thesis, eqs. 4.6, 4.9), as two layers.
 
     For the maximum, ReLU comes after pooling: the result is the same, and there are fewer nodes to compute. For an
     average, ReLU comes before.
@@ -243,7 +243,7 @@ class RGCNN(_GraphCNN):
             self-loops and pseudo-coordinates [E, dim], and returns [N, out_channels]. Shortcuts of residual blocks are
             always B-splines.
         pooling: "max" (default; MaxP, as in all networks of the thesis) or "average" (AvgP) of the features of a
-            cluster (eq. 4.9).
+            cluster (thesis, eq. 4.9).
         loops: True (default) if a node is one of its own neighbors in B-spline convolutions.
         root_weight: True (default) if B-spline convolutions add a node's own features, multiplied by a separate matrix.
         shortcut_start: Initial scale of a shortcut's normalization (default 0.0: the network starts as the plain one

@@ -28,7 +28,7 @@ class RGCNN3D(nn.Module):
 
     Args:
         num_classes: Number of scores.
-        temporal: 3D CNN of section 5.3.1: "plain", "inception" or "residual" (default).
+        temporal: 3D CNN (thesis, section 5.3.1): "plain", "inception" or "residual" (default).
         sensor_size: (width, height) in pixels (default (240, 180)).
         channels: Output channels of each of the L blocks (default (32, 64, 128)).
         clusters: (width, height) in pixels of the clusters of each of the L poolings (default (2, 2), (4, 3), (8, 6)).
@@ -36,7 +36,7 @@ class RGCNN3D(nn.Module):
         kernel_size: Cells of the B-spline kernels along each axis (default 5).
         in_channels: Features per node (default 1).
         dim: Pseudo-coordinates per edge: 2 (default), or 3 with time.
-        pooling: "max" (default) or "average" of the features of a cluster (eq. 4.9).
+        pooling: "max" (default) or "average" of the features of a cluster (thesis, eq. 4.9).
 
     Raises:
         ValueError: For settings that don't fit together, graphs of a larger sensor, or another number of features.

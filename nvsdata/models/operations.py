@@ -114,8 +114,8 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
     """Count the operations and parameters of a network, by the thesis's formulas and as executed.
 
     The thesis's formulas count a multiply-add as two operations. A convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs,
-    with HWT output positions (eq. 4.11, and its extension to three dimensions). A B-spline convolution follows eq.
-    (4.12), with the edges of the graph but no self-loops. A fully connected layer with I inputs and O outputs takes
+    with HWT output positions (eq. 4.11, and its extension to three dimensions). A B-spline convolution follows
+    eq. 4.12, with the edges of the graph but no self-loops. A fully connected layer with I inputs and O outputs takes
     (2I - 1) O FLOPs. Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers (C_in + 1) C_out. In the
     first fully connected layer of a graph network, C_in counts channels, not channels times cells. Other layers have no
     formula (root weights, normalization, pooling, other graph convolutions, LSTM).

@@ -17,9 +17,10 @@ class GraphPool(nn.Module):
     """Graph pooling, which merges the nodes of each cluster of pixels into one node.
 
     The layer takes and returns a `GraphBatch`. The position of a new node is the floor of the mean position of the
-    merged nodes (eq. 4.8). Its features are their maximum or mean (eq. 4.9), its `t` is their mean time, rounded down.
-    There is one edge from a cluster to another if there is any edge from a node of the first to a node of the second.
-    The normalization range of pseudo-coordinates is that of `coarse_reach`; longer edges are clipped to it.
+    merged nodes (thesis, eq. 4.8). Its features are their maximum or mean (thesis, eq. 4.9). Its `t` is their mean
+    time, rounded down. There is one edge from a cluster to another if there is any edge from a node of the first to a
+    node of the second. The normalization range of pseudo-coordinates is that of `coarse_reach`; longer edges are
+    clipped to it.
 
     Args:
         cluster: (width, height) of a cluster in pixels.

@@ -97,7 +97,7 @@ class Camera(Protocol):
         """Return a new decoder of the camera's stream; its times never decrease."""
 
     def about(self) -> dict[str, Any]:
-        """Return facts about the camera for recordings, as in `Recording.about`."""
+        """Return the camera's metadata for its recordings, as in `Recording.about`."""
 
     def journal_head(self, decoder: Any, last: int | None, about: Mapping[str, Any]) -> bytes | None:
         """Return the first bytes of a journal, a file of the stream that `nvsdata.open` reads.

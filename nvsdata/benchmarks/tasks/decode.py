@@ -76,7 +76,7 @@ def _windows(options: Options) -> Iterator[Case]:
 
 
 def _sizes(options: Options) -> Iterator[Case]:
-    """Yield cases of formats that compare the size on disk, as error, with the time to read and to write."""
+    """Yield cases that compare formats: the bytes per event on disk, as error, and the time to read or to write."""
     # no time of writing for compressed HDF5: h5py compresses a file that was written before
     read, written = [(name, "read") for name in STORED], [(name, "write") for name in STORED if "," not in name]
     for name, what in read + written:

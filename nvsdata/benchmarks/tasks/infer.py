@@ -251,7 +251,7 @@ def _of_nodes(options: Options, count: int) -> PreparedCase:
 
 
 def _on_grid(options: Options, ours: bool, fraction: float = 2 / 3) -> PreparedCase:
-    """Prepare Graph2Grid of sequences of eight graphs, or one copy of the same size."""
+    """Prepare Graph2Grid of sequences of eight graphs or, unless `ours`, a copy of the features into the grids."""
     cells, channels, graphs, length = 900, 128, 32, 8
     nodes = max(int(cells * fraction), 1)
     torch.manual_seed(0)

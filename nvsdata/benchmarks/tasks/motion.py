@@ -96,7 +96,7 @@ def time_difference(found: Events, exact: Events) -> float:
 
 
 def _ranked(events: Events) -> tuple[np.ndarray, np.ndarray]:
-    """Return a key of each event from its pixel, polarity and rank among their events, and the events' times in µs."""
+    """Return for each event a key (its pixel, polarity, and rank among the events of both) and its time in µs."""
     place = pixel_index(events) * 2 + events.p
     order = np.lexsort((events.t, place))
     place = place[order]

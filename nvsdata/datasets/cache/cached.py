@@ -197,7 +197,7 @@ def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
 
 
 def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
-    """Return the stored parts of a sample; None if they are missing, damaged, or stored with other stamps of files."""
+    """Return the stored parts of a sample; None if they are missing, damaged, or of other versions of the files."""
     content = unsealed(file, MOST)
     if content is None:
         return None
@@ -285,7 +285,10 @@ def _inherits(thing: Any, base: type, method: str = "__repr__") -> bool:
 
 
 def _hides_settings(kind: type, method: str, base: type) -> bool:
-    """Return whether `method` is from `base`, or from a base class of the one whose `__init__` takes the settings."""
+    """Return whether `method` can't show the settings of a class.
+
+    That is so if it is the method of `base`, or if a class below the one that defines it has an `__init__` of its own.
+    """
     for one in kind.__mro__:
         if method in vars(one):
             return one is base

@@ -28,7 +28,7 @@ KINDS = {
 
 
 def encode_sample(sample: Any) -> bytes:
-    """Return the bytes of a sample; TypeError if `decode_sample` couldn't return the same type."""
+    """Convert a sample to bytes; TypeError if `decode_sample` couldn't restore its type."""
     numbers: list[bytes] = []
     head = json.dumps(_description(sample, numbers)).encode() + b"\n"
     parts = [head, bytes(-len(head) % ALIGNED)]
@@ -78,7 +78,7 @@ def _tensor_description(tensor: torch.Tensor, numbers: list[bytes]) -> list[Any]
 
 
 def decode_sample(content: memoryview) -> Any:
-    """Return the sample that `encode_sample` was given; ValueError for bytes that it didn't return."""
+    """Restore a sample from the bytes of `encode_sample`; ValueError for other bytes."""
     end = bytes(content[: 1 << 16]).find(b"\n") + 1 or bytes(content).find(b"\n") + 1
     numbers = _Numbers(content, end + -end % ALIGNED)
     try:

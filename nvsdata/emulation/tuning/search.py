@@ -175,9 +175,9 @@ def _cancelling(futures: Sequence[Future[Measured] | None]) -> Iterator[None]:
 def _drawn(
     rng: np.random.Generator, dimensions: int, center: np.ndarray | None, radius: float, number: int
 ) -> np.ndarray:
-    """Sample a place in the unit cube.
+    """Sample a point in the unit cube.
 
-    Depending on its `number` in the batch, the place is anywhere (always without a `center`), on an axis through
+    Depending on its `number` in the batch, the point is anywhere (always without a `center`), on an axis through
     `center`, or in a sphere around it, reflected at the borders of the cube.
     """
     anywhere = rng.random(dimensions)

@@ -42,7 +42,7 @@ class Range:
         return self.low + share * (self.high - self.low)
 
     def share(self, number: float) -> float:
-        """Return the fraction at which `at` returns the number, or the nearest one."""
+        """Return the fraction (0 to 1) for which `at` returns `number`, or the number nearest to it in the range."""
         if self.whole:
             share = (number - self.low + 0.5) / (self.high - self.low + 1)
         elif self.log:
@@ -127,7 +127,7 @@ def check_space(space: Space, base: Any) -> None:
 
 
 def settings_at(base: Any, space: Space, place: Sequence[float]) -> Any:
-    """Return the settings at a place of the unit cube, which has an axis per setting of the space."""
+    """Return the settings at a point of the unit cube, which has an axis per setting of the space."""
     settings = base
     for (name, choices), share in zip(space.items(), place, strict=True):
         if isinstance(choices, Depending):
@@ -137,7 +137,7 @@ def settings_at(base: Any, space: Space, place: Sequence[float]) -> Any:
 
 
 def place_of(settings: Any, space: Space) -> list[float]:
-    """Return the place of the unit cube at which `settings_at` returns these settings, or the nearest ones."""
+    """Return the point of the unit cube at which `settings_at` returns these settings, or the nearest ones."""
     place = []
     for name, choices in space.items():
         if isinstance(choices, Depending):

@@ -106,7 +106,7 @@ class EvtRecording(IndexedFile):
         return Entry(int(times[block - before]), states[block - before].tolist(), first, last)
 
     def _strays(self) -> np.ndarray:
-        """Return the indices of the time words whose times no camera writes."""
+        """Return the indices of the time words with impossible times (see `is_jump`)."""
         begin, places, highs = 0, [], []
         for raw in self._pieces(0, self.records):
             words = self._heads(raw)

@@ -19,7 +19,7 @@ FULL_US = 1 << 23  # the time in a record is below it
 
 # The state of a walk over an ATIS file: sum of the overflow records so far in µs; times of the last and the first
 # event; number of decreases of time; width and height of the smallest sensor that contains the events; numbers of
-# overflow records, of all records, and of damaged ones (with a y that no camera writes); index of the first damaged
+# overflow records, of all records, and of damaged ones (with an impossible y); index of the first damaged
 # record
 OVERFLOW, ATIS_LAST, ATIS_FIRST, FALLS, RIGHT, BOTTOM, MARKERS, RECORDS, DAMAGED, DAMAGE = range(10)
 ATIS_BEGUN = (0, 0, 0, 0, 1, 1, 0, 0, 0, -1)

@@ -1,9 +1,10 @@
-"""Times of counters that wrap, and times among them that no camera wrote.
+"""Times from counters that wrap, and detection of impossible times.
 
-A counter of few bits determines a time only up to a multiple of its wrap. A record gets the possible time that is
+A counter with few bits determines a time only up to a multiple of its wrap. A record gets the possible time that is
 nearest to the time of the record before it, at most half a wrap earlier or later, so a damaged word changes the time of
-no other event. Cameras write events nearly in order, and noise events without long pauses. So a decrease by more than
-`BACK_US` or to a negative time is damage, and so is a step across a wrap of more than `SILENT_US`.
+no other event. Cameras write events nearly in order of time, and noise causes events without long pauses. So a time is
+damaged if it is negative, if it decreases by more than `BACK_US`, or if it increases by more than `SILENT_US` across a
+wrap.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ UNKNOWN: int = _native.UNKNOWN  # the time before a counter's first word
 NONE = -1
 
 # The state after some records: time of the last record; time of the last record that began a block; 1 if that block
-# began with many events; 1 if times decreased; numbers of the next record, of the first record that no camera wrote,
+# began with many events; 1 if times decreased; numbers of the next record, of the first record with an impossible time,
 # and of the first record after a block that is too long for the index; 1 if there were records other than events
 LAST, BEGUN, DENSE, FELL, NEXT, JUMP, HIDDEN, MIXED = range(8)
 # An index computes the duration of a block, up to a multiple of the wrap, from the first words of this block and the
@@ -54,9 +55,9 @@ def first_time(raw: int, bits: int) -> int:
 
 
 def is_jump(before: int, after: int, bits: int, back: int, silent: int) -> bool:
-    """Return whether the step from time `before` to `after` is damage, because no camera writes it.
+    """Return whether the step from time `before` to `after` is impossible for a camera, so that a word is damaged.
 
-    Damage is a decrease by more than `back` or to a negative time, or an increase by more than `silent` across a wrap.
+    That is a decrease by more than `back` or to a negative time, or an increase by more than `silent` across a wrap.
     """
     jump: bool = _native.is_jump(before, after, _checked(bits), back, silent)
     return jump

@@ -21,7 +21,7 @@ from nvsdata.kernels import _native
 TIME = 0x8  # a type of word
 IGNORED = 0xF  # a type of word that all decoders skip
 NO_TIME = -1  # state before the first word with high bits, where events have no time
-# Times of the last and the first event, number of decreases of time, number of words, first word that no camera wrote
+# Times of the last and the first event, numbers of decreases of time and of words, first word with an impossible time
 LAST, FIRST, FALLS, WORDS, JUMP = range(5)
 UNSEEN = (-1, -1, 0, 0, -1)
 

@@ -1,9 +1,10 @@
 """Prophesee EVT2 and EVT 2.1 words to event columns and back; see `kernels.decode.evt`.
 
-Bits 28 to 31 of an EVT2 word, of 32 bits, are its type. An event has the low 6 bits of its time in bits 22 to 27, x in
-11 to 21, y in 0 to 10; a word of time has the high 28 bits. An EVT 2.1 word has 64 bits: its lower half is an EVT2
-word, and its upper half is a mask of the 32 pixels from x on that have this event. (If a camera writes the halves in
-the other order, they are exchanged first.) `state` is int64 [1].
+An EVT2 word has 32 bits; its type is in bits 28 to 31. An event word has the low 6 bits of the time in bits 22 to 27, x
+in bits 11 to 21 and y in bits 0 to 10. A time word has the high 28 bits of the time. An EVT 2.1 word has 64 bits. Its
+lower half is an EVT2 word. Its upper half is a mask of the 32 pixels from x on: each pixel that is set has such an
+event. (If a camera writes the halves in the other order, they are exchanged first.) `state` int64 [1] contains the high
+part of the time.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ def is_sorted(t: np.ndarray) -> bool:
 
 
 def late(t: np.ndarray, most: int) -> np.ndarray | None:
-    """Return the indices, int64, of events that follow a later time; None if these are more than `most`. O(N)."""
+    """Return the indices, int64, of events that come after a later event; None for more than `most` of them. O(N)."""
     found = np.empty(most + 1, np.int64)
     count = _native.late(t, found)
     return found[:count] if count <= most else None

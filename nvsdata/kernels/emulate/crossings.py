@@ -101,11 +101,11 @@ def advance_receptors(
 ) -> tuple[np.ndarray, int]:
     """Process a frame like `advance` for pixels with photoreceptors (photoreceptor.cpp); all arrays are float64.
 
-    Light changes linearly from frame to frame, in steps in which each pixel has a constant rate. Within a step, a pixel
-    is q(t) = base + slope t - lag exp(-rate t) above its memory. This curve has at most one turning point, so crossings
-    are found exactly. A tile whose light is constant is skipped until one of its pixels reaches a threshold.
-    Exponentials and logarithms are computed by the C library, so the last bit of a level may depend on its version and
-    on the processor.
+    Light changes linearly from frame to frame. The time between two frames is divided into steps, within which the rate
+    of each photoreceptor (see `receptor_rates`) is constant. Within a step, the level of a pixel exceeds its memory by
+    q(t) = base + slope t - lag exp(-rate t). This curve has at most one turning point, so crossings are found exactly.
+    A tile whose light is constant is skipped until one of its pixels reaches a threshold. Exponentials and logarithms
+    are computed by the C library, so the last bit of a level may depend on its version and on the processor.
     """
     fixed = sensor.table, sensor.dark, sensor.thresholds, sensor.each.reshape(-1), sensor.leak, sensor.speed
     light = frame, previous, first_weight, given

@@ -23,7 +23,7 @@ def find_dirty(frame: np.ndarray, previous: np.ndarray, tile_bytes: int, dirty: 
 
 
 def logarithm(thousandths: np.ndarray, t_log: float, slope: float, out: np.ndarray) -> None:
-    """Write the logarithm of brightness q (eq. 3.1) to `out`: ln q if q > t_log, otherwise slope q.
+    """Write the logarithm of brightness q (thesis, eq. 3.1) to `out`: ln q if q > t_log, otherwise slope q.
 
     `thousandths` int32 or float32 has q in thousandths; `out` is float32. The error is at most 4e-7. The result is the
     same on every machine.

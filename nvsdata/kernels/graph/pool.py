@@ -29,8 +29,8 @@ def clusters(
         rows: Number of rows of the grid.
 
     Returns:
-        `cluster` int64 [N]; the clusters' `position` float32 [M, 2] (floor of the mean, eq. 4.8), `time` int64 [M]
-        (also the floor of the mean) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
+        `cluster` int64 [N]; the clusters' `position` float32 [M, 2] (floor of the mean; thesis, eq. 4.8), `time`
+        int64 [M] (also the floor of the mean) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
     """
     nodes, graphs = t.size, ptr.size - 1
     if pos.shape != (nodes, 2) or graphs < 0 or min(width, height, columns, rows) < 1 or columns * rows >= 2**31:

@@ -13,7 +13,7 @@ from nvsdata.kernels import _native
 
 
 def sum_polarity(x: np.ndarray, y: np.ndarray, p: np.ndarray, sums: np.ndarray, touched: np.ndarray) -> int:
-    """Sum +1 for ON and -1 for OFF at each position (P_sigma of eq. 3.18) into `sums`, which must be zero.
+    """Sum +1 for ON and -1 for OFF at each position (thesis, eq. 3.18) into `sums`, which must be zero.
 
     Returns the number of positions in `touched`.
 
@@ -78,7 +78,9 @@ def cancel(place_a: np.ndarray, a: np.ndarray, place_b: np.ndarray, b: np.ndarra
 
 
 def least_work(ax: np.ndarray, ay: np.ndarray, am: np.ndarray, bx: np.ndarray, by: np.ndarray, bm: np.ndarray) -> float:
-    """Return the least sum of mass times Euclidean distance that moves min(sum am, sum bm) from a to b (eq. 3.15).
+    """Return the least sum of mass times Euclidean distance that moves min(sum am, sum bm) from a to b.
+
+    This is eq. 3.15 of the thesis.
 
     `ax`, `ay`, `bx` and `by` are float64; the masses `am` and `bm` are int64. O(N + M) memory: costs are computed again
     at each use, which is as fast as reading a matrix. ValueError if there are no points, and for masses below 1 or with

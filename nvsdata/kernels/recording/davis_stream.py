@@ -1,4 +1,4 @@
-"""The byte stream of DAVIS cameras (logic 18), word by word; and the words of simulated cameras."""
+"""The byte stream of DAVIS cameras (logic version 18), word by word; and the words of simulated cameras."""
 
 from __future__ import annotations
 

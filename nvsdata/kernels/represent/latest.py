@@ -1,4 +1,7 @@
-"""Images of the latest events of pixels: their times, and leaky sums. Events outside the image raise an IndexError."""
+"""Images of the times of each pixel's latest events, and of leaky sums.
+
+Events outside the image raise an IndexError.
+"""
 
 from __future__ import annotations
 

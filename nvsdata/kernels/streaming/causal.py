@@ -8,11 +8,11 @@ from nvsdata.kernels import _native
 from nvsdata.kernels.streaming.network import LiveState
 
 FOREVER = 2**63 - 1  # age in µs that no event exceeds
-TOGETHER = 4096  # events that are added at once, so that rows of removed events are reused
+TOGETHER = 4096  # events that are added at once, so that memory of removed events is reused
 
 
 class CausalNetwork(LiveState):
-    """Rows of a network on a causal graph: the rows of an event are computed once, when the event arrives.
+    """Incremental inference on a causal graph: the features of an event are computed once, when it arrives.
 
     Args:
         network: Result of `streaming_network`, in which only the last layer is pooled, by maxima.

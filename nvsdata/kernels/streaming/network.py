@@ -61,9 +61,9 @@ def streaming_network(
 
 
 class LiveState:
-    """State of incremental inference: the rows of each layer of a network for the events in the window.
+    """State of incremental inference: for each layer of a network, the features of the nodes in the window.
 
-    The arrays of the state belong to the extension, because they contain indexes into each other that no other code may
+    The arrays of the state belong to the extension, because they contain indices into each other that no other code may
     change.
 
     Args:

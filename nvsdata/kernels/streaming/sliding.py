@@ -9,7 +9,7 @@ from nvsdata.kernels.streaming.network import LiveState
 
 
 class SlidingNetwork(LiveState):
-    """Rows of a network for the events in a sliding window: only rows that change are computed.
+    """Incremental inference on a sliding window: only the node features that change are computed.
 
     Args:
         network: Result of `streaming_network`, in which the first layer is pooled.

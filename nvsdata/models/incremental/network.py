@@ -127,7 +127,7 @@ class NetworkLayers:
 
 
 class IncrementalNetwork(SlidingNetwork):
-    """Rows of a network for the events in a sliding window, updated with the events that enter and leave."""
+    """Node features of a network for the events in a sliding window, updated as events enter and leave."""
 
     def __init__(self, network: NetworkLayers) -> None:
         super().__init__(network.weights, network.shape, network.units)
@@ -138,7 +138,7 @@ class IncrementalNetwork(SlidingNetwork):
 
 
 class IncrementalCausalNetwork(CausalNetwork):
-    """Rows of a network on a causal graph, each computed once, when its event arrives.
+    """Node features of a network on a causal graph, computed once for each event, when it arrives.
 
     ValueError for average pooling.
     """

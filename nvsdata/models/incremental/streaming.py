@@ -1,4 +1,4 @@
-"""Incremental inference: class scores of a stream of events, by updates of changed rows (thesis, section 6.2)."""
+"""Incremental inference (thesis, section 6.2): class scores of a stream of events, by updates of node features."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nvsdata.transforms.graphs.features import NodeFeatures
 
 FOREVER = 2**62  # µs, longer than any window
 MANY = 24  # if more than 1/24 of the window's events enter or leave, the entire window is computed
-CALM = 2  # number of consecutive steps with few changes, after which rows are kept and updated
+CALM = 2  # number of consecutive steps with few changes, after which node features are kept and updated
 
 
 def stream(
@@ -153,19 +153,19 @@ class Stream(_IncrementalInference):
     """Incremental inference of a network on a graph; made by `stream`.
 
     The scores are those of the network on `graph` of the events in the window, up to rounding, regardless of how the
-    events were divided into pieces. Nothing is computed until scores are requested. After few new events, only rows
-    that changed are computed; after many, the entire window. Memory grows with the largest number of events in the
-    window, and with the number of cells of the pooled graphs.
+    events were divided into pieces. Nothing is computed until scores are requested. After few new events, only node
+    features that changed are computed; after many, the entire window. Memory grows with the largest number of events in
+    the window, and with the number of cells of the pooled graphs.
 
     Attributes:
-        products: Number of multiplications in updated rows since construction or `reset`.
+        products: Number of multiplications for updated node features since construction or `reset`.
     """
 
     def reset(self) -> None:
         """Forget all events."""
         super().reset()
         self._waiting: list[Columns] = []
-        # events of the window while no rows are kept, and the number of consecutive steps with few changes
+        # events of the window while no node features are kept, and the number of consecutive steps with few changes
         self._held, self._calm = Columns.empty(0), 0
         self._live: IncrementalNetwork | None = None
         self._found: torch.Tensor | None = None
@@ -196,7 +196,7 @@ class Stream(_IncrementalInference):
         return self._network.grid_of(self._graph_of_all())
 
     def _graph_of_all(self) -> Graph:
-        """Return the graph of the entire window, for which no rows are kept."""
+        """Return the graph of the entire window, for which no node features are kept."""
         start, end = 0, 0
         if self._last is not None:
             end = self._last - self._origin
@@ -245,10 +245,10 @@ class Stream(_IncrementalInference):
 class CausalStream(_IncrementalInference):
     """Incremental inference of a network on a causal graph; made by `stream`.
 
-    The neighbors of an event are among the events in the window at its time. Its rows are computed once, in `feed`. The
-    scores are computed from the maxima over the events in the window. Until the first event leaves the window, the
-    scores are those of the network on `graph` of all events, up to rounding. Afterwards, events at the beginning of the
-    window still include neighbors that have left it, unlike in a graph of the window alone.
+    The neighbors of an event are among the events in the window at its time. Its features in each layer are computed
+    once, in `feed`. The scores are computed from the maxima over the events in the window. Until the first event leaves
+    the window, the scores are those of the network on `graph` of all events, up to rounding. Afterwards, events at the
+    beginning of the window still include neighbors that have left it, unlike in a graph of the window alone.
 
     Attributes:
         products: Number of multiplications since construction or `reset`.

@@ -320,7 +320,7 @@ class Davis:
         )
 
     def about(self) -> dict[str, Any]:
-        """Return facts about the camera for recordings: name, serial, biases, settings, note."""
+        """Return the camera's metadata for its recordings: name, serial, biases, settings, note."""
         numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
         numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
         facts = {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}

@@ -1,4 +1,4 @@
-"""Registers and biases of DAVIS cameras (logic 18), and the settings that a user can change."""
+"""Registers and biases of DAVIS cameras (logic version 18), and the settings that a user can change."""
 
 from __future__ import annotations
 

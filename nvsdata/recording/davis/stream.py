@@ -1,7 +1,7 @@
 """Decoder of a DAVIS camera's stream: from bytes to events, special events, inertial samples and frames.
 
-The stream is that of logic 18: 16-bit words in the vendor's coding. Any split of the stream into pieces of whole words
-has the same result.
+The stream is that of logic version 18: 16-bit words in the vendor's coding. Any split of the stream into pieces of
+whole words has the same result.
 """
 
 from __future__ import annotations

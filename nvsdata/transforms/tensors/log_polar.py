@@ -74,7 +74,7 @@ class DART:
 
 @cache
 def _weights(rings: int, wedges: int, nearest: float, furthest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the offsets dx and dy in pixels, and the weights with which an event at each offset adds to each bin."""
+    """Return the offsets dx and dy from an event in pixels, and the weight of each offset in each log-polar bin."""
     reach = int(furthest)
     dy, dx = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     radius = np.hypot(dx, dy)
