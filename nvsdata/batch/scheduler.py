@@ -144,7 +144,7 @@ def _only_critical(log: logging.Logger) -> Iterator[None]:
 def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[str]]:
     """Watch the cluster's workers while the block runs; if there is none for `PATIENCE_S`, cancel the futures.
 
-    Yields a list, to which the reason is added then.
+    Yields a list. If the futures are cancelled, the reason is added to it.
     """
     reasons: list[str] = []
 

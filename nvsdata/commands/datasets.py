@@ -52,7 +52,7 @@ def _check(*, as_json: bool) -> int:
 
 
 def dataset_facts(root: Path) -> list[dict[str, Any]]:
-    """Return the facts of every dataset by name; "here" is its place in the folder `root`, or None."""
+    """Return the facts of every dataset by name; "here" is its path in the folder `root`, or None."""
     # from a file, because importing the datasets imports torch, which takes a second
     more = "nvsdata.datasets" in sys.modules or entry_points(group="nvsdata.datasets")
     known = registered() if more else json.loads(FACTS.read_text("utf-8"))

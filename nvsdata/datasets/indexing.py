@@ -108,8 +108,8 @@ class Samples(Dataset[tuple[Any, Any]]):
     def hold_out(self, fraction: float) -> tuple[Self, Self]:
         """Hold out about a fraction of each class for validation, each file independently of all other files.
 
-        A hash of class and file name decides about each file, so adding or removing files later moves no other file.
-        All windows and labeled parts of one class and one file are in the same dataset. So are recordings of the same
+        A hash of class and file name decides about each file, so adding or removing files doesn't move other files. All
+        windows and labeled parts of one class and one file are in the same dataset. So are recordings of the same
         scene, if the dataset knows them by their names (N-CARS).
 
         Args:
@@ -137,7 +137,8 @@ class Samples(Dataset[tuple[Any, Any]]):
     ) -> tuple[Self, Self]:
         """Split into two datasets by file.
 
-        `split` gets the (class, group) of all files, `group` a file's name without folder and extension.
+        `group` is called with a file's name without folder and extension, and returns its group. `split` is called with
+        the (class, group) of all files.
         """
         groups: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):
@@ -194,7 +195,7 @@ class Samples(Dataset[tuple[Any, Any]]):
     def names(self) -> list[tuple[str, str]]:
         """Class and name of each sample, on which random splits depend.
 
-        They depend neither on the folder of a file nor on its place in a split.
+        They depend neither on the folder of a file nor on its position in a split.
         """
         return [(self.classes[sample.label], self._name_of(sample)) for sample in self.samples]
 

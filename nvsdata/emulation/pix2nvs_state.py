@@ -114,8 +114,8 @@ def _rule(settings: PIX2NVSSettings, shape: tuple[int, int], number: Any, table:
 def tone(settings: PIX2NVSSettings, q: np.ndarray) -> np.ndarray:
     """Return the pixel value of brightness q (0 to 255).
 
-    That is the logarithm (3.1) of the thesis, or for modes CE and LICE the perceptual luminance that contrast (3.2) is
-    computed from.
+    In mode LI, that is the logarithm (thesis, eq. 3.1). In modes CE and LICE, it is the perceptual luminance from which
+    the contrast (thesis, eq. 3.2) is computed.
     """
     if settings.mode != "LI":
         return 100 * np.sqrt((q / 255) ** settings.gamma)

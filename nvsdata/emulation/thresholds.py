@@ -38,8 +38,8 @@ def match_thresholds(trial: DVS, frames: list[VideoFrame], wanted: np.ndarray, f
     Args:
         trial: Settings to begin with.
         frames: Frames of the scene.
-        wanted: Numbers of OFF and of ON events; the search ends if logarithms of the emulated numbers differ from
-            theirs by less than `CLOSE`.
+        wanted: Numbers of OFF and of ON events; the search ends if the logarithms of the emulated numbers
+            differ from those of `wanted` by less than `CLOSE`.
         free: Mask of the thresholds that may change, OFF and ON.
     """
     brackets = _Bracket(), _Bracket()

@@ -33,9 +33,9 @@ from nvsdata.kernels.decode.clock import (
 class ClockedFile(PiecedFile):
     """A file of records whose times wrap; a time is unwrapped by the record before it (see `kernels.decode.clock`).
 
-    The index uses only the first records of each block. Three things make it wrong: a step back that no camera makes,
-    an event displaced by more than a block, and a block of more than 35 minutes that begins with a burst and seems to
-    last less than `SOON_US`. Each of them raises a FormatError when the entire file is read.
+    The index uses only the first records of each block. Three things make it wrong: an impossible step back (see
+    `is_jump`), an event displaced by more than a block, and a block of more than 35 minutes that begins with a burst
+    and seems to last less than `SOON_US`. Each of them raises a FormatError when the entire file is read.
     """
 
     block = 4096

@@ -1,6 +1,6 @@
 """Graph CNNs for objects, plain and residual (thesis, sections 4.2.5 and 4.4.2).
 
-A node is one of its own neighbors, because its distance to itself is 0, within the radius of eq. 4.2. In addition, it
+A node is one of its own neighbors, because its distance 0 is within the radius (thesis, eq. 4.2). In addition, it
 has a root weight. Event graphs have many isolated nodes, which would contribute nothing otherwise. The fraction of the
 mean that the node itself contributes shows how dense its neighborhood is.
 """

@@ -239,7 +239,7 @@ def _gain(nearness: Any) -> Any:
 
 
 def _write_names(axes: Axes, named: Sequence[tuple[float, float, str]], points: Sequence[tuple[float, float]]) -> None:
-    """Write each name at the first place around its point where it covers no other name or point."""
+    """Write each name at the first position around its point where it covers no other name or point."""
     from matplotlib.transforms import Bbox
 
     taken = [Bbox([[x - 3, y - 3], [x + 3, y + 3]]) for x, y in axes.transData.transform(points)]

@@ -55,7 +55,7 @@ class Camera(Protocol):
     """Protocol of a connected camera.
 
     The order of calls is `configure`, `start`, `reset_time`, `stop`, any number of times. Between `start` and `stop` a
-    thread calls `read`, and at last `end_reading`. Methods raise CameraError, or Unplugged if the camera was
+    thread calls `read`, and finally `end_reading`. Methods raise CameraError, or Unplugged if the camera was
     disconnected.
     """
 

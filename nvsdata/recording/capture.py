@@ -53,7 +53,7 @@ class RecordingReport:
         zero: The host's time (µs) at which the camera's time began.
         frames: Number of frames.
         samples: Number of inertial samples.
-        about: Facts about the camera.
+        about: Metadata of the camera, as in `Recording.about`.
     """
 
     path: Path | None

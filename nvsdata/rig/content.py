@@ -172,7 +172,7 @@ class Inspector:
         return reasons + self._compared_with_others(found)
 
     def _unusual_view(self, corners: list[list[float]], cover: float) -> list[str]:
-        """Return reasons for a review by the screen's place on the sensor, without a calibration."""
+        """Return reasons for a review by the screen's position on the sensor, without a calibration."""
         sides = np.hypot(*np.diff(np.array([*corners, corners[0]]), axis=0).T)
         wide, high = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
         aspect = wide / max(high, 1) * self.monitor.size[1] / self.monitor.size[0]

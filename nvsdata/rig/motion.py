@@ -1,4 +1,4 @@
-"""Expected events of a video by time and place on the sensor, from PIX2NVS."""
+"""Expected events of a video by time and position on the sensor, from PIX2NVS."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class _Changed(_Broken):
 
 
 class _NotHere(Exception):
-    """The file isn't available at a place; the message says why."""
+    """The file isn't available at an address or in a folder; the message says why."""
 
 
 # errors that end a try; OSError would be too wide, because errors of the disk are OSErrors, too
@@ -58,8 +58,8 @@ _FAILURES = (_Broken, requests.RequestException, urllib3.exceptions.HTTPError)
 def fetch(archive: Archive, root: Path, work: Path, info: Info) -> Path:
     """Return the path of the intact archive: in `root`, in a local mirror, or downloaded into `root`.
 
-    Places are tried in order: NVSDATA_MIRROR, the archive's `urls`, the archive that it is `within`. No existing file
-    is overwritten.
+    Sources are tried in order: NVSDATA_MIRROR, the archive's `urls`, the archive that contains it (`within`). No
+    existing file is overwritten.
 
     Args:
         archive: the archive.
@@ -78,7 +78,7 @@ def fetch(archive: Archive, root: Path, work: Path, info: Info) -> Path:
 
 
 def _find_or_download(archive: Archive, root: Path, work: Path, info: Info) -> Path:
-    """Return the path of the archive; _NotHere, whose message has the failure at each place, if no place has it."""
+    """Return the path of the archive; _NotHere if no source has it, with the failure of each source as the message."""
     path, part = root / archive.name, _Part(work / archive.name)
     if path.exists():
         if fault := archive_fault(path, archive.hash):
@@ -111,7 +111,7 @@ def _find_or_download(archive: Archive, root: Path, work: Path, info: Info) -> P
 
 
 def _places(archive: Archive, info: Info) -> Iterator[Path | str | Archive]:
-    """Yield the places to try: the user's mirror (the dataset's folder in it first), then the known addresses."""
+    """Yield the sources to try: the user's mirror (the dataset's folder in it first), then the known addresses."""
     mirror, names = os.environ.get(MIRROR, ""), (f"{info.name}/{archive.name}", archive.name)
     if mirror.startswith(("http://", "https://")):
         yield from (f"{mirror.rstrip('/')}/{quote(name)}" for name in names)

@@ -37,7 +37,7 @@ class TuningPair:
             events, because missing events cost nothing.
 
     Raises:
-        ValueError: Fewer than two frames are compared, or frames and events have no time in common.
+        ValueError: Fewer than two frames are compared, or the times of frames and events don't overlap.
 
     Example:
         >>> from nvsdata import PIX2NVS

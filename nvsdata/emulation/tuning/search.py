@@ -103,7 +103,7 @@ def search(
         A `Search` with all trials; its `best` has the lowest score.
 
     Raises:
-        ValueError: The journal belongs to another search, or the space has a setting that the emulator hasn't.
+        ValueError: The journal belongs to another search, or the space has a setting that the emulator doesn't have.
 
     Example:
         >>> def measure(emulator):

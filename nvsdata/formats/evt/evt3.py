@@ -33,7 +33,8 @@ class Evt3Recording(EvtRecording):
 def write(pieces: Pieces, path: Path) -> None:
     """Write EVT3. ValueError for coordinates above 2047, and for times outside [0, 2^40) µs.
 
-    The limit of time is nvsdata's: a file contains every wrap of the time since 0, which is 0.5 MB for 2^40 µs.
+    The format doesn't limit the time. nvsdata does, because a file contains every wrap of the time since 0, which takes
+    0.5 MB for 2^40 µs.
     """
     write_words(pieces, path, "3.0", evt3_encode, state=3, bits=40)
 

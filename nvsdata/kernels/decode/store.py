@@ -10,7 +10,7 @@ from nvsdata.kernels import _native
 def marked_range(marks: np.ndarray, base: int, start: int, stop: int) -> tuple[int, int]:
     """Return the first block that has events with start <= t < stop, and the one after the last such block.
 
-    O(log blocks).     `marks` uint32 or int64 has the first time of each block, to which `base` is added.
+    O(log blocks). `marks` uint32 or int64 has the first time of each block, to which `base` is added.
     """
     blocks: tuple[int, int] = _native.marked_range(marks, base, start, stop)
     return blocks

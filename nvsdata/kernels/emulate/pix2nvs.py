@@ -19,7 +19,7 @@ INTERPOLATED, RANDOM, AT_ONCE = range(3)
 
 
 class Rule(NamedTuple):
-    """Settings that stay the same from frame to frame.
+    """Settings that stay the same from frame to frame. Equations are those of the thesis.
 
     - `contrast`: whether levels are contrasts to the neighbors
     - `table`, `t_log`, `slope`: see `luminance`
@@ -66,7 +66,7 @@ class Tiles(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """The state of pixels, arrays of one float type.
+    """The state of pixels, arrays of one float type. Equations are those of the thesis.
 
     - `plane`: perceived brightness (eq. 3.1)
     - `level`: the same, or its contrast with the neighbors (eq. 3.2)
@@ -91,8 +91,8 @@ def luminance(frame: np.ndarray, first_weight: int, rule: Rule, tiles: np.ndarra
     """Write the perceived brightness of pixels of one byte (gray) or three to `plane`, in marked tiles.
 
     For one byte it is the rule's table[byte]. For three bytes it is table[1000 q] with q = 0.299 r + 0.587 g + 0.114 b,
-    or eq. 3.1 of q if the table is empty. `first_weight` is the weight of the first byte in thousandths: 299 for r, g,
-    b, and 114 for b, g, r.
+    or, if the table is empty, the logarithm of q (thesis, eq. 3.1). `first_weight` is the weight of the first byte in
+    thousandths: 299 for r, g, b, and 114 for b, g, r.
     """
     _native.luminance(frame, first_weight, rule.table, rule.t_log, rule.slope, tiles, plane)
 
@@ -100,10 +100,10 @@ def luminance(frame: np.ndarray, first_weight: int, rule: Rule, tiles: np.ndarra
 def contrast(
     plane: np.ndarray, tiles: np.ndarray, then_log: bool, t_log: float, slope: float, level: np.ndarray
 ) -> None:
-    """Write the contrast of each pixel, the mean absolute difference from its four neighbors (eq. 3.2), to `level`.
+    """Write the contrast of each pixel, the mean absolute difference from its four neighbors, to `level`.
 
-    If `then_log`, the result is mapped by eq. 3.1, with the logarithm of the C library. Borders are replicated. `plane`
-    and `level` are float64.
+    This is eq. 3.2 of the thesis. If `then_log`, the result is mapped by eq. 3.1, with the logarithm of the C library.
+    Borders are replicated. `plane` and `level` are float64.
     """
     _native.contrast(plane, tiles, then_log, t_log, slope, level)
 

@@ -67,7 +67,7 @@ def nearest_spikes(
 
 
 def cancel(place_a: np.ndarray, a: np.ndarray, place_b: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Remove mass that is at the same place on both sides; return the remaining mass of `a` and `b`.
+    """Remove mass that is at the same position on both sides; return the remaining mass of `a` and `b`.
 
     All arrays are int64, and `place_a` and `place_b` increase. By the triangle inequality, an optimal plan exists that
     doesn't move this mass. O(N + M).

@@ -33,7 +33,7 @@ def first_of_boxes(
 ) -> np.ndarray:
     """Return the mask of the first `most` events of each box of `side` x `side` pixels and `duration` µs. O(N).
 
-    `box` int64 [rows, columns] has the number of the latest box in time at each place, at first `NEVER`. `count` has
+    `box` int64 [rows, columns] has the number of the latest box in time at each position, at first `NEVER`. `count` has
     the number of its kept events. Both are updated.
     """
     keep = np.empty(t.size, np.bool_)
@@ -47,8 +47,8 @@ def within_rate(
     """Return the mask of the events that don't exceed a rate in their cell. O(N).
 
     The rate is one event per `interval` µs. After a pause, up to `burst` events may follow each other faster. Cells
-    have `side` x `side` pixels. `due` int64 [rows, columns] has the time at which the kept events of a cell would have
-    ended at this rate, at first `NEVER`. It is updated.
+    have `side` x `side` pixels. `due` int64 [rows, columns] has the time at which the kept events of each cell would
+    end if they came at exactly this rate, at first `NEVER`. It is updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.within_rate(t, x, y, min(side, LARGEST), interval, burst, due, keep)

@@ -40,7 +40,7 @@ def tokens(
     """Add the numbers of events, and the sums of their times from 0 to 1, to `out`. O(N).
 
     `out` is float32 [K, 2, 2, patch², H', W']. Its axes are the part of the time (from event `bounds[k]` up to event
-    `bounds[k + 1]`), the polarity (OFF first), number or sum of times, the place in the patch, and row and column of
+    `bounds[k + 1]`), the polarity (OFF first), number or sum of times, the position in the patch, and row and column of
     the patch.
     """
     _native.tokens(t, x, y, p, bounds, patch, out)

@@ -1,7 +1,4 @@
-"""Networks for incremental inference: the layers of a model, and the features of nodes in a sliding window.
-
-The features of one node in one layer are called a row.
-"""
+"""Networks for incremental inference: the layers of a model, and the features of nodes in a sliding window."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ BANDS = np.linspace(8, 172, 13).astype(int)  # rows of the screen that change to
 PIXELS = PIX2NVS(
     t_log=20, continuous=True, new=False, exp=False, max_events=8, noise_rate=0.5, mismatch=0.05, bandwidth=12e6
 )
-# places (x, y) on the sensor of a screen's upper left, upper right, lower right and lower left corner
+# positions (x, y) on the sensor of a screen's upper left, upper right, lower right and lower left corner
 CORNERS = ((14.0, 12.0), (228.0, 8.0), (226.0, 172.0), (10.0, 168.0))
 
 
@@ -73,7 +73,7 @@ class Watched:
 
     Args:
         pixels: The sensor's settings.
-        corners: Places (x, y) of the screen's corners on the sensor.
+        corners: Positions (x, y) of the screen's corners on the sensor.
         scan: Time in µs in which the screen changes from top to bottom (default 12,000).
         late: Fraction of the images that appear a refresh later than `show` states (default 0).
         wired: A photodiode in the screen's upper left corner sends a pulse to the external input when that corner turns
