@@ -4,8 +4,8 @@
     python recipes/ablation.py --root N-MNIST --out runs/ablation --only k pseudo --seeds 0 --epochs 40 --jobs 2
 
 Each group changes one setting of the defaults of `train_objects.py`. Each choice is trained once per seed. A quarter of
-the training recordings is for validation, the same for all; test recordings aren't used. OUT/runs.jsonl gets a line of
-JSON per run: single-window accuracy, accuracy of 5-window voting, ms per window from file to class and minutes of
+the training recordings is for validation, the same for all; test recordings aren't used. OUT/runs.jsonl contains a line
+of JSON per run: single-window accuracy, accuracy of 5-window voting, ms per window from file to class and minutes of
 training, both on one core. An interrupted study continues with the runs that are missing. Each group becomes a table
 and a chart; OUT/front-window_ms.png and OUT/front-minutes.png show the Pareto fronts of accuracy and cost.
 """

@@ -4,9 +4,9 @@
     python recipes/emulation_accuracy.py street.aedat4 --v2e ../v2e      # with a checkout of v2e and its dependencies
 
 A pair is a recording with frames, or an .npz file with frames uint8 [F, H, W], frame_times, t (µs), x, y and p.
-Emulators are fitted and tuned on the first half of the frames (at least 3), and compared with the others' events;
-then on the last half, and compared with the events before. A part is a quarter of the sensor between two frames.
-Figures are of all parts that weren't used for fitting, with 95% intervals by a bootstrap over parts.
+Emulators are fitted and tuned on the first half of the frames (at least 3), and compared with the events of the last
+half; then the halves are swapped. A part is a quarter of the sensor between two frames. Figures are of all parts that
+weren't used for fitting, with 95% intervals by a bootstrap over parts.
 """
 
 from __future__ import annotations

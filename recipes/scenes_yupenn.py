@@ -3,9 +3,9 @@
     python recipes/scenes_yupenn.py --root YUPENN-DVS --out runs/yupenn
 
 Leave-one-out: a network is trained for each recording (420 in YUPENN-DVS), by the protocol of `train_actions.py`.
---folds FIRST LAST leaves out only recordings FIRST to LAST - 1, so that several machines can share the trainings. OUT
-gets a line for each recording in `log.jsonl`, and a folder with the log of each training. --resume continues an
-interrupted run. The accuracy, and the variance of the scenes' accuracies, are printed at the end.
+--folds FIRST LAST leaves out only recordings FIRST to LAST - 1, so that several machines can share the trainings. The
+recipe writes to OUT a line for each recording in `log.jsonl`, and a folder with the log of each training. --resume
+continues an interrupted run. The accuracy, and the variance of the scenes' accuracies, are printed at the end.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ fully connected layers have a dropout of 0.8 and a weight decay of 0.005. Tests 
 each recording, cropped to the most active square.
 
 The thesis begins with weights trained on ImageNet, which aren't part of nvsdata. --weights reads those of torchvision's
-vgg16; without it the weights are random at first. OUT gets the logs, the checkpoints and `table.json`. --resume
-continues an interrupted run.
+vgg16; without it the weights are random at first. The recipe writes the logs, the checkpoints and `table.json` to OUT.
+--resume continues an interrupted run.
 """
 
 from __future__ import annotations

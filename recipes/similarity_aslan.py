@@ -6,8 +6,9 @@
 A network trained to recognize actions computes two features per recording, each L2-normalized: the output of its last
 pooling, and the global average of that output. For a pair of recordings, the 12 similarities of Table 5.4 of each
 feature are the input of a support vector machine with a radial basis function kernel. It is trained on nine of the ten
-subsets of ASLAN's "View 2", and tested on the tenth. OUT gets the features, a line for each subset in `log.jsonl`, and
-the ROC curve over all subsets in `roc.png`. An interrupted run continues with the features that are missing.
+subsets of ASLAN's "View 2", and tested on the tenth. The recipe writes to OUT the features, a line for each subset in
+`log.jsonl`, and the ROC curve over all subsets in `roc.png`. An interrupted run continues with the features that are
+missing.
 """
 
 from __future__ import annotations

@@ -12,10 +12,10 @@ are the ablations of Tables 4.1 to 4.5 of the thesis, --convolution that of Tabl
 CNN (section 4.4.4), which is trained by gradient descent on event images of --image-size pixels (Table 4.6); it ignores
 the settings of graphs.
 
-OUT gets `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for `nvsdata.models.load`,
-`report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes and by window length, mistakes).
---resume continues an interrupted run, with the same results as without the interruption. --from RUN/report.json --out
-OTHER repeats a run with its command line, commit and data as reported.
+The recipe writes to OUT `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
+`nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes and by
+window length, mistakes). --resume continues an interrupted run, with the same results as without the interruption.
+--from RUN/report.json --out OTHER repeats a run with its command line, commit and data as reported.
 """
 
 from __future__ import annotations

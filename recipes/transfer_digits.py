@@ -9,7 +9,7 @@ and unequal thresholds. The threshold is chosen so that the mean number of event
 is inverted, as in the files of N-MNIST. RG-CNN is trained on each kind of recordings, except a fifth of each class. It
 is tested by 5-window voting: on that fifth of its kind, and on all recordings of the other kind.
 
-OUT gets the emulated recordings, the trainings and `table.json`. --resume continues an interrupted run.
+The recipe writes the emulated recordings, the trainings and `table.json` to OUT. --resume continues an interrupted run.
 """
 
 from __future__ import annotations

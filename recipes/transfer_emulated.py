@@ -11,7 +11,7 @@ momentum and a weight decay of 0.0005, for 50,000 iterations; the learning rate 
 
 With --digits as first argument, this runs `recipes/transfer_digits.py`: scikit-learn's digits, emulated, and N-MNIST.
 
-OUT gets logs, checkpoints and `table.json`. --resume continues an interrupted run.
+The recipe writes logs, checkpoints and `table.json` to OUT. --resume continues an interrupted run.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     python recipes/tune_pix2nvs.py --real recording.aedat --video shown.avi --out tuning
 
 The settings in the five rows of the table are emulated and compared with the recording. Then a search looks for better
-ones. A score is relative to the other settings that are scored, so the rows and the trials are scored ranking.
+ones. A score is relative to the other settings that are scored, so the rows and the trials are scored together.
 """
 
 from __future__ import annotations

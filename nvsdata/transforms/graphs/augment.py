@@ -164,7 +164,7 @@ class Center(SpatialTransform):
     For crops of different sizes that share a corner, as in N-CARS: mirroring and scaling are then about their centers.
 
     Returns:
-        `Events`. The call takes `Events`, a `Recording` or a list of them, which have one rectangle.
+        `Events`. The call takes `Events`, a `Recording` or a list of them, which share one rectangle.
 
     Example:
         >>> from nvsdata import Events, transforms as T
