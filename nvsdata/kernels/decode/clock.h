@@ -1,4 +1,4 @@
-// Times of counters that wrap, and times among them that no camera wrote.
+// Times from counters that wrap, and detection of impossible times.
 //
 // A counter of few bits determines a time only up to a multiple of its wrap. A record gets the possible time that is
 // nearest to the time of the record before it, at most half a wrap earlier or later, so a damaged word changes the time
@@ -51,7 +51,7 @@ public:
     i64& dense() const { return state_[2]; }   // 1 if that block began with many events
     i64& fell() const { return state_[3]; }    // 1 if times decreased
     i64& next() const { return state_[4]; }    // number of the next record
-    i64& jump() const { return state_[5]; }    // number of the first record that no camera wrote, or -1
+    i64& jump() const { return state_[5]; }    // number of the first record with an impossible time, or -1
     i64& hidden() const { return state_[6]; }  // that of the first after a block too long for the index, or -1
     i64& mixed() const { return state_[7]; }   // 1 if records other than events were seen
 

@@ -31,7 +31,7 @@ struct Seen {
     i64 last, first;  // times of the last and of the first event, -1 before any
     i64 falls;        // number of decreases of time
     i64 words;        // number of words before the piece
-    i64 jump;         // the first word that no camera wrote, -1 if there is none
+    i64 jump;         // the first word with an impossible time, -1 if there is none
 
     // Fields are assigned one by one, because this keeps them in registers, unlike `load` and `store`.
     explicit Seen(Span<const i64> seen) {
@@ -49,7 +49,7 @@ struct Seen {
         falls = plus(falls, time < last);
         last = time;
     }
-    // Store the number of word i of the piece if it is the first that no camera wrote.
+    // Store the number of word i of the piece if its time is the first impossible one.
     void note_jump(i64 i) {
         if (jump < 0) jump = plus(words, i);
     }

@@ -40,7 +40,7 @@ struct State {
         base = word & 0x7FF;
         polarity = nvsdata::polarity(word);
     }
-    // Returns true if no camera wrote the word.
+    // Returns true if the word's time is impossible.
     bool take_high(u32 word) {
         i64 before = std::exchange(high, Highs::next(high, word & 0xFFF));
         // the current low part belongs to the previous high part

@@ -1,4 +1,4 @@
-// The byte stream of DAVIS cameras (logic 18), word by word.
+// The byte stream of DAVIS cameras (logic version 18), word by word.
 #include <algorithm>
 #include <stdexcept>
 
