@@ -65,7 +65,7 @@ class Row:
     figures: dict[str, np.ndarray]
 
     def summary(self) -> dict[str, Any]:
-        """Return each figure with the ends of its interval."""
+        """Return each figure with the limits of its 95% interval."""
         ends = {name: np.nanquantile(samples[1:], (0.025, 0.975)) for name, samples in self.figures.items()}
         return {name: [float(samples[0]), *ends[name].tolist()] for name, samples in self.figures.items()}
 
@@ -229,7 +229,7 @@ def v2e(folder: Path) -> Emulate:
 
 
 def measure_parts(found: Events, real: Events, frames: list[VideoFrame]) -> list[dict[str, Any]]:
-    """Return the figures of each quarter of the sensor between two frames, as `bootstrap` takes them."""
+    """Measure each part, a quarter of the sensor in one interval between frames; return the input of `bootstrap`."""
     width, height = real.sensor_size
     columns, rows = pairwise((0, width // 2, width)), pairwise((0, height // 2, height))
     times = pairwise(frame.time for frame in frames)
@@ -247,7 +247,7 @@ def cut(events: Events, times: tuple[int, int], columns: tuple[int, int], rows: 
 
 
 def measure(found: Events, real: Events) -> dict[str, Any]:
-    """Return the distances of a part, numbers of events, and sums from which the correlation is computed."""
+    """Return distances and numbers of events of a part, and the sums from which the correlation is computed."""
     a, b = (count_images(events).sum(axis=0) for events in (found, real))
     return {
         "inverse": 1 - metrics.epsilon_repeatability(found, real).value,

@@ -68,7 +68,7 @@ def main() -> None:
 
 
 def test_votes(args: argparse.Namespace, protocol: Objects, trainer: Trainer, data: TrainTestSplit) -> Votes:
-    """Predict the classes of windows at even distances in each test recording; they vote better than random windows."""
+    """Predict the classes of evenly spaced windows of each test recording; they vote better than random windows."""
     ends = [v / args.votes for v in range(args.votes + 1)]
     parts = [data.test(protocol.pipeline(training=False, within=within)) for within in pairwise(ends)]
     # accuracies on a small test set vary by chance: it is evaluated several times, with other windows

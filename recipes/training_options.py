@@ -140,5 +140,5 @@ def check_data(args: argparse.Namespace, data: TrainTestSplit, here: Team) -> No
 
 
 def run_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of a protocol's `trainer`."""
+    """Return the options that are arguments of a protocol's method `trainer`."""
     return {name: getattr(args, name) for name in ("epochs", "batch", "seed", "resume")}

@@ -129,7 +129,7 @@ def saccade_events(settings: Any, still: np.ndarray) -> Events:
 def with_event_count(
     settings: Any, images: np.ndarray, events: int, moved: Callable[[np.ndarray], Iterator[VideoFrame]]
 ) -> Any:
-    """Choose the threshold for a mean number of events, to 1%.
+    """Find the threshold at which images have a given mean number of events, within 1%.
 
     Args:
         settings: Emulator whose threshold is replaced.

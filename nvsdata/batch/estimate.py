@@ -55,5 +55,5 @@ class Estimate:
 
 
 def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
-    """Return at most `count` items at even distances, including the first and the last."""
+    """Return at most `count` evenly spaced items, including the first and the last."""
     return [items[n] for n in np.unique(np.linspace(0, len(items) - 1, min(count, len(items))).astype(int))]

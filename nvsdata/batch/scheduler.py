@@ -55,7 +55,7 @@ def as_done(
 
 
 def in_order(work: Callable[[Task], Result], items: Sequence[Task], processes: int = 1) -> Generator[Result]:
-    """Yield the results of `work` in the order of the items; processes are at most `AHEAD` items each ahead.
+    """Yield the results of `work` in the order of the items; each process works at most `AHEAD` items ahead.
 
     Raises:
         OSError: A process was killed.
@@ -74,7 +74,7 @@ def in_order(work: Callable[[Task], Result], items: Sequence[Task], processes: i
 
 
 def _module_of(work: Callable[..., Any]) -> str:
-    """Return the module of a function, or of a partial of one."""
+    """Return the module of a function, or of the function in a `functools.partial`."""
     return str(getattr(work, "func", work).__module__)
 
 

@@ -209,7 +209,7 @@ def read_own(path: str | os.PathLike[str], most: int = MOST) -> bytes:
 
 
 def sealed(content: bytes) -> bytes:
-    """Return the line to write before `content`, with its checksum and length, which `unsealed` checks."""
+    """Return a first line with the checksum and length of `content`, to be written before it; `unsealed` checks it."""
     return b"nvsdata %08x %014x\n" % (crc32(content), len(content))
 
 

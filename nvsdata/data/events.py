@@ -322,7 +322,7 @@ def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def check_inside(events: Events, sensor_size: tuple[int, int] | None = None) -> Events:
-    """Return the events after a check that makes their coordinates safe as indices in kernels.
+    """Check that kernels can use the coordinates of events as indices, and return the events.
 
     Only Events that weren't built by `Events(...)`, or whose arrays were changed, can fail the check.
 

@@ -21,7 +21,7 @@ ZIPS = {
 
 
 def figshare(number: int) -> tuple[str, ...]:
-    """Return the addresses of a figshare file: several, because the plain one currently sends an empty body."""
+    """Return several addresses of a figshare file to try in order; the first, the usual one, may send an empty body."""
     return (
         f"https://ndownloader.figshare.com/files/{number}",
         f"https://api.figshare.com/v2/file/download/{number}",

@@ -32,7 +32,7 @@ class Damage:
         return dict(zip(indices.tolist(), marks[indices].tolist(), strict=True))
 
     def mark(self, index: int, what: int, message: str) -> None:
-        """Record that a sample is `what`, `REPLACED` or `REPAIRED`; the first time, warn with `message`."""
+        """Record a damaged sample as `what`: `REPLACED` or `REPAIRED`; the first time, warn with `message`."""
         if not self._shared.values[index]:
             warnings.warn(shown(message), stacklevel=2)
         self._shared.values[index] = what

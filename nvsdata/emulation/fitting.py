@@ -189,11 +189,14 @@ class _AlignedPair:
         return round(peak.places[0]), (peak.low, peak.high)
 
     def still(self, delay: int) -> bool:
-        """Return True if light changes by noise of the frames only, and events at a delay don't follow the light."""
+        """Return True if the light changes only by noise of the frames, and events at this delay don't follow it."""
         return self._noise_only() and self._follows(delay)[0] < FOLLOWED
 
     def check_followed(self, delay: int) -> None:
-        """Raise ValueError unless polarities follow the light at a delay, significantly if events are few."""
+        """Raise ValueError if polarities at this delay hardly correlate with changes of the light.
+
+        With many pixels, a small correlation suffices if it is significant.
+        """
         found = self._follows(delay)[0]
         if found < min(FOLLOWED, 5 / math.sqrt(self.light[1:].size)):
             raise self._unfollowed(f"{found:.2f} with a delay of {delay} µs")

@@ -121,7 +121,7 @@ class _Profile:
         return sums, np.asarray(light / np.maximum(sums[self.free].sum(axis=0), 1))
 
     def add(self, dark: float) -> None:
-        """Match the thresholds at a value of `dark`, beginning with those of the nearest one."""
+        """Match the thresholds at a value of `dark`, starting from those of the nearest `dark` tried before."""
         if dark in self.tried:
             return
         near = min(self.tried, key=lambda other: abs(math.log(dark / other)), default=None)

@@ -118,7 +118,7 @@ class AtisRecording(IndexedFile):
         self._check_rows(int(state[3]))
 
     def _check_rows(self, damaged: int) -> None:
-        """Raise FormatError if `strict`, and if `damaged`, the number of a damaged record, isn't -1."""
+        """If `strict`, raise FormatError for the damaged record with the number `damaged`, unless that is -1."""
         if self.strict and damaged >= 0:
             y = int(self.contents.read(self._byte(damaged), self._byte(damaged + 1))[1])
             reason = f"y = {y} is damage, because events have y below {ATIS_OVERFLOW_Y}; strict=False drops the record"

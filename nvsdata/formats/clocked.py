@@ -130,7 +130,10 @@ class ClockedFile(PiecedFile):
             yield raw, t
 
     def _check_index(self, state: np.ndarray) -> None:
-        """Raise FormatError if windows would miss events because of the index; `state` is that after all records."""
+        """Raise FormatError if windows would miss events: blocks are too long for the index, or too far out of order.
+
+        `state` is the clock's state after all records.
+        """
         if state[HIDDEN] >= 0:
             reason = f"{self.block} records take more than 35 minutes: a window can't determine their times"
             raise FormatError(self.path, reason, offset=self._byte(int(state[HIDDEN])))

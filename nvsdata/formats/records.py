@@ -63,7 +63,13 @@ class RecordFile(FileRecording):
         """Decode records lo..hi; `lo` is the first record of a block."""
 
     def _check_blocks(self, starts: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """Raise FormatError if windows would miss events. Arguments: each block's first, lowest and highest time."""
+        """Raise FormatError if events are so far out of order that windows of a few blocks would miss some.
+
+        Args:
+            starts: First time of each block.
+            lowest: Lowest time of each block.
+            highest: Highest time of each block.
+        """
         early, late = lowest[1:] < starts[:-1], highest[:-2] > starts[2:]
         # if the blocks themselves are out of order, windows are cut from all events
         if is_sorted(starts) and (early.any() or late.any()):

@@ -145,7 +145,10 @@ def _exchanges(gains: np.ndarray) -> float:
 
 
 def _outcomes(right: npt.ArrayLike) -> np.ndarray:
-    """Return predictions as int64 [predictions per recording, N]. ValueError unless there are some, all 0 or 1."""
+    """Return predictions as int64 [predictions per recording, N].
+
+    ValueError for an empty array, and for values other than 0 (wrong) and 1 (right).
+    """
     given = np.asarray(right)
     if not given.size or not given.ndim:
         raise ValueError(f"there must be predictions [N] or [..., N], not {given.shape}")

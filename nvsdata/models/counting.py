@@ -113,7 +113,7 @@ def _added_product(out: torch.Tensor, start: Any, a: torch.Tensor, b: torch.Tens
 
 
 def _normalized(out: Any, x: torch.Tensor, w: Any, b: Any, mean: Any, var: Any, own: bool, /, *_: Any) -> int:
-    """Count 2 operations per value for scale and shift, and 4 for mean and variance if the batch's `own` are used."""
+    """Count operations per value: 2 for scale and shift, and 4 if mean and variance are computed (`own`)."""
     return (6 if own else 2) * x.numel()
 
 

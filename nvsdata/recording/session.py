@@ -126,7 +126,7 @@ def run_recording(
 
 
 def _inference(decider: OnlineClassifier, stop: Event, *, alone: bool) -> OnlineInference:
-    """Return a thread that prints decisions as JSON; its failure ends a recording that is for decisions `alone`."""
+    """Return a thread that prints decisions as JSON; if it fails and nothing else is recorded (`alone`), set `stop`."""
 
     def ended(error: Exception) -> None:
         say(f"decisions ended early: {message_of(error) or type(error).__name__}")

@@ -145,7 +145,7 @@ def _refined(rough: np.ndarray, contour: np.ndarray) -> np.ndarray:
 
 
 def rectangles(corners: np.ndarray, size: tuple[int, int]) -> tuple[Rectangle, Rectangle, float]:
-    """Return `roi`, `crop` and `cover` of `ScreenCalibration` for corners on a sensor of `size` (width, height)."""
+    """Return the fields `roi`, `crop` and `cover` of `ScreenCalibration`; `size` is the sensor's (width, height)."""
     xs, ys = np.sort(corners[:, 0]), np.sort(corners[:, 1])
     cover = cv2.contourArea(corners.astype(np.float32)) / (size[0] * size[1])
     outer = _rectangle((xs[0], ys[0]), (xs[3], ys[3]), size, np.floor, np.ceil)

@@ -139,7 +139,7 @@ class Inspector:
         return Content(int(due.sum()), scale, gap, hidden, stray, noise.hertz, cover, seen, corners)
 
     def _screen(self, span: Span) -> tuple[list[list[float]] | None, float, float]:
-        """Return `corners`, `cover` and `seen` of `Content`."""
+        """Find the screen on the sensor; return the fields `corners`, `cover` and `seen` of `Content`."""
         done = span.take.performance
         share = response(around_flashes(span.take), span.line, done.flashes, done.bright)
         try:
@@ -232,7 +232,7 @@ def _counts(recording: Recording, start: int, stop: int, bins: int) -> tuple[np.
 
 
 def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[float | None, float, float, float]:
-    """Return `scale`, `gap`, `hidden` and `stray` of `Content`, from recorded and expected events [bins, cells]."""
+    """Compare recorded with expected events [bins, cells]; return the fields `scale` to `stray` of `Content`."""
     seconds = len(found) * BIN / MICROSECONDS
     second = min(MICROSECONDS // BIN, len(due))
     busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()

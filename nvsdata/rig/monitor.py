@@ -91,7 +91,10 @@ class Monitor:
         self._origin, self._drawing = host_time(), 0.0
 
     def _measure(self, display: int) -> tuple[float, float, bool, float]:
-        """Return `refresh`, `stated`, `synced`, and the duration of a flip in µs if flips don't wait for a refresh."""
+        """Measure the times of flips; return the attributes `refresh`, `stated` and `synced`, and the cost of a flip.
+
+        The cost is the duration of a flip in µs if flips don't wait for a refresh, otherwise 0.
+        """
         times = []
         for _ in range(TRIALS):
             self._pygame.display.flip()

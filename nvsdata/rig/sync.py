@@ -80,7 +80,7 @@ def synced(take: ScreenRecording) -> Sync:
 
 
 def _check_due(triggers: np.ndarray, line: ClockFit, rising: np.ndarray) -> None:
-    """Raise `NoSync` if there are more triggers than flashes to bright during a group of flashes."""
+    """Raise `NoSync` if a group of flashes has more triggers than changes from dim to bright (`rising`)."""
     for first in rising[np.diff(rising, prepend=-np.inf) > GROUP]:
         group = rising[(rising >= first) & (rising < first + GROUP)]
         ends = line.camera(group[0]) - MARGIN, line.camera(group[-1]) + MARGIN

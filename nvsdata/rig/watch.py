@@ -63,7 +63,7 @@ class Watch:
         self._status.set(in_a_row=0, state="recording")
 
     def failed(self, video: str, reason: str) -> list[str]:
-        """Note a failed take; return the names of videos whose takes don't count, because the cause was elsewhere.
+        """Note a failed take; return the names of videos whose takes don't count, because camera or screen failed.
 
         Raises:
             BatchStopped: Nothing was recorded over `MOST_PAUSES` pauses.

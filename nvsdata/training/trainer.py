@@ -167,7 +167,7 @@ class Trainer:
         return self.lines[epoch - 1]
 
     def _out_of(self, patience: int | None) -> bool:
-        """Return True if the last `patience` epochs had no higher validation accuracy than one before."""
+        """Return True if the last `patience` epochs didn't exceed the best validation accuracy of earlier epochs."""
         found = [line[VALIDATION] for line in self.lines if VALIDATION in line]
         return patience is not None and len(found) > patience and max(found[-patience:]) <= max(found[:-patience])
 

@@ -29,7 +29,7 @@ class SpatialTransform(ABC):
 
     @abstractmethod
     def _change(self, sample: Any) -> Change:
-        """Return the change of one part of the sample, which is decoded, or of its boxes.
+        """Return the function to apply to each part of a decoded sample, and to its boxes.
 
         All random numbers are sampled here.
         """
@@ -80,7 +80,7 @@ def check_sample(sample: Any, *, graphs: bool = False, images: bool = False) -> 
 
 
 def decoded(sample: Any) -> tuple[Any, list[Events]]:
-    """Return the sample with `Events` in place of recordings, in its own form, and its parts as a list."""
+    """Decode the recordings of a sample; return the sample, alone or a list as before, and its parts as a list."""
     parts = map_sample(sample, lambda events: events)
     return parts, parts if isinstance(parts, list) else [parts]
 

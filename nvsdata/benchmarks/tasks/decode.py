@@ -27,7 +27,7 @@ STORED = ".h5", ".h5, gzip", ".h5, lzf", ".aedat4", ".evt3.raw", ".evt2.raw", ".
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: files compared with other libraries and with a copy of the bytes; growing files; windows; sizes."""
+    """Return the cases: entire files, compared with other libraries; larger files; windows; file sizes."""
     return [*_entire_files(options), *_matlab(options), *_growing(options), *_windows(options), *_sizes(options)]
 
 

@@ -47,7 +47,7 @@ TO_SENSOR = "1 - repeatability within 3.5 pixels, mean of both directions, to th
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: videos; settings against real sensors; partly changing frames; processes; sizes and lengths."""
+    """Return the cases: videos; settings, compared with a real sensor; still parts; processes; larger inputs."""
     each = _videos, _exact, _sensors, _active, _jobs, _growing
     return [case for some in each for case in some(options)]
 

@@ -20,7 +20,7 @@ RADIUS, DEGREE = 3.0, 32
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: windows compared with other libraries; growing windows; events on a part of the sensor."""
+    """Return the cases: windows, compared with other libraries; larger windows; events on a part of the sensor."""
     return [*_windows(options), *_growing(options), *_occupied(options)]
 
 

@@ -38,7 +38,7 @@ VOTE_ERRORS = {1: 0.034, 2: 0.022, 3: 0.020, 4: 0.018, 5: 0.017}
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: latency; precision; settings of graphs against accuracy; voting; growing graphs; Graph2Grid."""
+    """Return the cases: latency; precision; time and accuracy by settings; all networks; larger graphs; Graph2Grid."""
     each = _latency, _precision, _settings, _every, _growing, _grid
     return [replace(case, device=options.device) for some in each for case in some(options)]
 

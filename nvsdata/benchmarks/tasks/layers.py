@@ -28,7 +28,7 @@ Convolution = Callable[[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor],
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: B-spline convolutions, other convolutions, each compared with other libraries; pooling."""
+    """Return the cases: B-spline and other convolutions, compared with other libraries, and pooling."""
     return [replace(case, device=options.device) for some in (_splines, _others, _pools) for case in some(options)]
 
 

@@ -27,7 +27,7 @@ KIND = "largest difference in the sum of all frames"
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: frames compared with tonic; graphs by number of workers; random windows of files and stores."""
+    """Return the cases: frames, compared with tonic; numbers of workers; random windows of files and stores."""
     return [*_frames(options), *_workers(options), *_stores(options)]
 
 

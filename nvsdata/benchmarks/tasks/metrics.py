@@ -22,7 +22,7 @@ SPIKES = 60_000
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: nearest spikes and EMD compared with other libraries; approximations; growing numbers of spikes."""
+    """Return the cases: nearest spikes and EMD, compared with other libraries; approximations; larger inputs."""
     return [*_nearest(options), *_emd(options), *_approximations(options), *_growing(options)]
 
 
@@ -42,7 +42,7 @@ def _emd(options: Options) -> Iterator[Case]:
 
 
 def _approximations(options: Options) -> Iterator[Case]:
-    """Yield cases of approximate distances between a recording and a changed copy, against their error."""
+    """Yield cases of approximate distances between a recording and a changed copy, measured by time and error."""
     for blocks in (1, 4, 16, 64):
         yield _approximation(
             options, "EMD by blocks", {"blocks": blocks}, partial(metrics.emd, blocks=blocks), blocks == 16

@@ -27,7 +27,7 @@ KIND = "median ms between a pixel's k-th ON or OFF event and the ideal sensor's"
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases by emulator and frame rate."""
+    """Return a case for each emulator and frame rate."""
     return list(_by_rate(options))
 
 

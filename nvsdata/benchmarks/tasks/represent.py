@@ -25,7 +25,7 @@ GROWING: dict[str, Run] = {
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: transforms compared with tonic; interpolation of voxel grids; growing numbers of events."""
+    """Return the cases: transforms, compared with tonic; interpolation of voxel grids; larger inputs."""
     return [*_all(options), *_interpolations(options), *_growing(options)]
 
 

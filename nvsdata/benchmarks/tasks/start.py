@@ -52,7 +52,7 @@ except OSError:
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: imports, then first results."""
+    """Return the cases: the time of imports, and the time to first results."""
     return list(_each(options))
 
 

@@ -19,7 +19,7 @@ LOSS = "difference of the first loss from that in float64 on the CPU"
 
 
 def cases(options: Options) -> list[Case]:
-    """Return cases: RG-CNN compared with PyTorch Geometric; all configurations; precision; growing batches."""
+    """Return the cases: RG-CNN, compared with PyTorch Geometric; all networks; precision; larger batches."""
     each = _compared_with_pyg, _every, _precisions, _growing
     return [replace(case, device=options.device) for some in each for case in some(options)]
 

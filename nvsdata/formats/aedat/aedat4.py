@@ -308,7 +308,10 @@ class Aedat4Recording(FileRecording):
         return Allowance(self._contents.size)
 
     def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], Packed], left: Allowance) -> Packed:
-        """Return the result of `read` for a packet. FormatError if it is damaged, or expands to more than is `left`."""
+        """Return the result of `read` for a packet. FormatError if it is damaged or expands to too many bytes.
+
+        `left` is the number of bytes that may still be decompressed.
+        """
         most = left.of(len(packet))
         try:
             inflated = self._inflate(packet, most)

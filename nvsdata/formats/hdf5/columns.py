@@ -146,7 +146,7 @@ def bisected(column: Column, source: ColumnFile, value: int) -> tuple[int, int]:
 
 
 def rises(column: Column, source: ColumnFile) -> bool:
-    """Return whether no value of a column is smaller than the one before it."""
+    """Return whether a column never decreases."""
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))
         # unsigned values beyond int64 become negative, so that the column isn't sorted

@@ -125,7 +125,7 @@ def name_of(thing: Any) -> str:
 
 
 def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tuple[Any, tuple[int, ...]]:
-    """Return creation properties and shape of a dataset of h5py's low-level API, after a check.
+    """Check that a dataset of h5py's low-level API is safe to read; return its creation properties and shape.
 
     FormatError if its values aren't all in the file: HDF5 itself fills in values that were never written, however many,
     and follows every reference to other files. The dataset's bytes are subtracted from `left`, a limit of decompression

@@ -52,7 +52,7 @@ public:
     i64& fell() const { return state_[3]; }    // 1 if times decreased
     i64& next() const { return state_[4]; }    // number of the next record
     i64& jump() const { return state_[5]; }    // number of the first record with an impossible time, or -1
-    i64& hidden() const { return state_[6]; }  // that of the first after a block too long for the index, or -1
+    i64& hidden() const { return state_[6]; }  // number of the first record after a block too long for the index, or -1
     i64& mixed() const { return state_[7]; }   // 1 if records other than events were seen
 
     // Set the time from the counter's first word, unless it is known.

@@ -38,7 +38,7 @@ struct Seen {
         require(seen.size() == 5, "what was seen has 5 numbers");
         last = seen[0], first = seen[1], falls = seen[2], words = seen[3], jump = seen[4];
     }
-    // After `more` words.
+    // Write the facts to an array, after a piece of `more` words.
     void keep(Span<i64> seen, i64 more) const {
         seen[0] = last, seen[1] = first, seen[2] = falls, seen[3] = plus(words, more), seen[4] = jump;
     }

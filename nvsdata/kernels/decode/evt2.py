@@ -42,9 +42,9 @@ def evt2_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def evt2_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Return the words of sorted events, uint32. O(N).
+    """Encode sorted events as EVT2 words, uint32. O(N).
 
-    `state` int64 [1] is the high part written last, or -1 before the first one.
+    `state` int64 [1] is the high part of the time that was written last, or -1 at the beginning.
     """
     words = np.empty(t.size + count_shown(t, int(state[0]), 28, 6), np.uint32)
     _native.evt2_encode(t, x, y, p, state, words)
@@ -78,7 +78,7 @@ def evt21_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def evt21_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Return the words of sorted events, uint32 [M, 2]. O(N). `state` is that of `evt2_encode`."""
+    """Encode sorted events as EVT 2.1 words, uint32 [M, 2]. O(N). `state` is that of `evt2_encode`."""
     words = np.empty((t.size + count_shown(t, int(state[0]), 28, 6), 2), np.uint32)
     halves = _native.evt21_encode(t, x, y, p, state, words.reshape(-1))
     return words[: halves // 2]

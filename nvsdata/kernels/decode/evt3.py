@@ -40,7 +40,7 @@ def evt3_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def evt3_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Return the words of sorted events, uint16. O(N).
+    """Encode sorted events as EVT3 words, uint16. O(N).
 
     `state` int64 [3] has the high part and low part of the time and the row that were written last, or -1 each.
     """

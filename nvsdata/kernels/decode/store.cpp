@@ -79,7 +79,7 @@ bool read_items(const Stored& column, i64 first, Span<Item> out, Interrupt& inte
     return true;
 }
 
-// The same for coordinates of one byte or two.
+// Fill `out` with coordinates of one byte or two from item `first` on. Returns false if the file has fewer.
 bool read_places(const Stored& column, i64 first, Span<i16> out, Interrupt& interrupt) {
     // uint16 have the same bits
     if (column.width == 2) return read_items(column, first, out, interrupt);

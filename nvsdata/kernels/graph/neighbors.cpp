@@ -149,7 +149,7 @@ private:
     Interrupt& interrupt_;
     unsigned steps_ = 0;
 
-    // Of one event, out of thousands.
+    // Check for Ctrl-C once in OFTEN calls.
     void poll() {
         if (++steps_ % OFTEN == 0) interrupt_.poll();
     }

@@ -54,7 +54,7 @@ struct PixelLists {
     template <class Coordinate>
     PixelLists(Span<const Coordinate> xs, Span<const Coordinate> ys, bool apart) {
         std::size_t n = xs.size();
-        // if `apart` is 0, all events are at one place
+        // if `apart` is false, all events are treated as if at one pixel
         i64 left = 0, top = 0, right = 0, bottom = 0;
         if (apart) {
             auto [x0, x1] = std::minmax_element(xs.begin(), xs.end());

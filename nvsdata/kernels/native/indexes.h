@@ -14,10 +14,10 @@ namespace nvsdata {
 template <class Integer>
 void check_below(Span<const Integer> values, i64 count, const char* message) {
     using Unsigned = std::make_unsigned_t<Integer>;
-    // of no values, the sign of this is set
+    // if no value is allowed (count <= 0), `most` is -1, whose sign bit is set, so every value is refused below
     i64 most = std::min(std::max(count, i64(0)) - 1, i64(std::numeric_limits<Integer>::max()));
     Unsigned last = Unsigned(most), signs = 0;
-    // the sign of one or the other is set if a value is out of range
+    // the sign bit of at least one of the two terms is set if a value is out of range
     for (Integer value : values) signs |= Unsigned(value) | Unsigned(last - Unsigned(value));
     if (Integer(signs) < 0) throw std::out_of_range(message);
 }

@@ -100,7 +100,10 @@ def measure(
 
 
 def encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray, words: np.ndarray) -> int:
-    """Write the words of events as a camera sends them: a new time before its row, and a row before its columns. O(N).
+    """Encode events as the 16-bit words that a DAVIS sends. O(N).
+
+    A time word is written only if the time changed, and a row word only if the time or the row changed. Then each event
+    has a word with its column and polarity.
 
     Args:
         t: Times in µs, int64, which must not decrease.

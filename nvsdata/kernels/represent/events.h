@@ -34,7 +34,7 @@ struct Pixels {
     Polarity image = Polarity::same_image;
 };
 
-constexpr i64 STEPS = 512;       // events that are placed at once: of more, an image takes 10% longer
+constexpr i64 STEPS = 512;       // events that are placed at once; with more, an image takes 10% longer
 constexpr i64 OFTEN = 1 << 14;  // events between two polls for Ctrl-C, a multiple of STEPS
 
 // Places of the pixels of at most STEPS events in images. The calls return true if all are on the sensor.

@@ -1,4 +1,4 @@
-// Measures of each pixel's events, and sums in patches of pixels.
+// Statistics of each pixel's events, and sums in patches of pixels.
 #include "../native/bind.h"
 #include "../native/levels.h"
 #include "events.h"

@@ -1,4 +1,7 @@
-"""Measures of the events of each pixel, and sums in patches. Events outside the images raise an IndexError."""
+"""Statistics of the events of each pixel, and sums in patches of pixels.
+
+Events outside the images raise an IndexError.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ def measured(
     scratch: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write a measure of the events of each pixel to `out` float32 [H, W]; 0 for pixels without events. O(N).
+    """Write a statistic of the events of each pixel to `out` float32 [H, W]; 0 for pixels without events. O(N).
 
     Events `first` to `last` - 1 of polarity `wanted` count (-1: both polarities). `measure` is one of SUM, MEAN, MAX
     and VARIANCE. `quantity` is one of COUNT (1 per event), POLARITY (±1) and TIME (since `start`, as a fraction of

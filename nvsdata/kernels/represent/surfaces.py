@@ -66,8 +66,8 @@ def sum_surfaces(
     """Add the local memory time surfaces of the events of each cell to `out` float64 [cells, 2, side, side].
 
     `events` int64 [cells] gets the numbers of events. `sums` float64, `epochs` int64 and `members` int64, all [2, H,
-    W], are scratch memory. These and both outputs must be 0. Each pixel has the sum of the exponentials of its events
-    (see epochs.h): an event is added when a later one arrives, and removed after `window` µs. So the cost is O(N
-    side²). Events outside the sensor raise an IndexError.
+    W], are scratch memory. Scratch memory and outputs must be 0 at the beginning. For each pixel, a sum of exponentials
+    over its events of the last `window` µs is updated (see epochs.h), instead of summing these events again for each
+    surface. So the cost is O(N side²). Events outside the sensor raise an IndexError.
     """
     _native.sum_surfaces(t, x, y, p, min(cell, 32_768), radius, window, tau, sums, epochs, members, out, events)

@@ -62,8 +62,8 @@ NVSDATA_INLINE void collect_row(double* __restrict edges, double* __restrict sel
 }
 
 struct Between {
-    i64 lower;    // of the kernel's cells along an axis
-    float upper;  // share of the next cell
+    i64 lower;    // the lower of the two kernel cells along an axis
+    float upper;  // weight of the upper one
 };
 
 // Computed in float32, as in batches.

@@ -1,4 +1,4 @@
-// The nearest of the events before each event.
+// The nearest earlier events of each event.
 #include "../native/bind.h"
 #include "../native/interrupt.h"
 #include "../native/require.h"

@@ -1,4 +1,4 @@
-"""The nearest of the events before each event."""
+"""The nearest earlier events of each event."""
 
 from __future__ import annotations
 

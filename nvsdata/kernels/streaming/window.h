@@ -18,7 +18,7 @@
 namespace nvsdata::streaming {
 
 constexpr i64 MOST_EVENTS = i64(1) << 28;  // places of the events of pixels are 32-bit numbers
-constexpr i64 MOST_PIXELS = i64(1) << 30;  // so are places on a sensor
+constexpr i64 MOST_PIXELS = i64(1) << 30;  // pixels of a sensor are 32-bit numbers, too
 
 // Distances of events: see `near_sources`.
 struct Metric {
@@ -29,7 +29,7 @@ struct Metric {
     double radius, alpha, beta, limit;  // limit: largest squared distance
     std::vector<Offset> offsets;        // nearest first
 
-    // Of a graph whose nodes are at most so many pixels apart along an axis.
+    // The metric of a graph whose nodes are at most `most` pixels apart along an axis.
     Metric(double r, double a, double b, i64 most) : radius(r), alpha(a), beta(b), limit(r * r) {
         require(radius > 0 && alpha > 0 && beta >= 0, "radius and alpha must be above 0");
         // one more, because the quotient may be rounded down

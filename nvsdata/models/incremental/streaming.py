@@ -74,7 +74,7 @@ def _edges_of(graph: Any) -> Any:
 
 
 class _IncrementalInference(ABC):
-    """Base of `Stream` and `CausalStream`: a network, a window that slides, a graph and a sampler."""
+    """Base class of `Stream` and `CausalStream`: a network, a sliding window of events, a graph and a sampler."""
 
     def __init__(self, model: nn.Module, window: int | None, graph: Any, sampler: CausalFilter | None) -> None:
         if window is not None:

@@ -193,7 +193,10 @@ class LSTM(nn.Module):
 
 @torch.no_grad()
 def farthest_points(xyz: torch.Tensor, count: int) -> torch.Tensor:
-    """Return indices [B, count] of distant points: first the farthest from the mean, then from those before."""
+    """Return indices [B, count] of distant points.
+
+    The first is the farthest from the mean; each further one is the farthest from those chosen so far.
+    """
     batch = torch.arange(xyz.shape[0], device=xyz.device)
     apart = (xyz - xyz.mean(1, keepdim=True)).square().sum(2)
     chosen = torch.empty(xyz.shape[0], count, dtype=torch.int64, device=xyz.device)

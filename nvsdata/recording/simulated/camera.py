@@ -230,7 +230,7 @@ class SimulatedDavis:
         return readings(picture(region), region)
 
     def _words(self, t: np.ndarray, seen: Events, pulses: list[int], now: int) -> np.ndarray:
-        """Return the words for events at times `t`, for pulses, and for the clock up to `now`."""
+        """Encode the events `seen` at times `t`, the pulses, and the wraps of the clock up to `now` as words."""
         words = np.empty(4 * len(seen) + (now >> 15) + 8 * len(pulses) + 32, "<u2")
         count = at = 0
         for pulse in (*sorted(pulses), now):

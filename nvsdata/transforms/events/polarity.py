@@ -1,4 +1,4 @@
-"""Changes of polarity."""
+"""Transforms that change or select the polarity of events."""
 
 from __future__ import annotations
 

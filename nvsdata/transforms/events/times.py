@@ -1,4 +1,4 @@
-"""Changes of the times of events."""
+"""Transforms that change the times of events."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures of the events of each pixel, selected by a search (ERGO-12)."""
+"""Statistics of the events of each pixel, selected by a search (ERGO-12)."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ CHANNELS = (
 
 @dataclass(frozen=True)
 class ERGO12:
-    """Compute twelve measures of the events of each pixel, selected by a search (ERGO-12; Zubic et al. 2023).
+    """Compute twelve statistics of the events of each pixel, selected by a search (ERGO-12; Zubic et al. 2023).
 
-    A channel is a measure of the part of the events that is given here in parentheses; parts are by number of events.
+    A channel is a statistic of the part of the events that is given here in parentheses; parts are by number of events.
     Times are scaled to 0..1 over all events. The channels are: variance of the polarity ±1 (all events), variance of
     OFF times (third third), 1 where there are OFF events (second third), sum of the polarity (last eighth), 1 where
     there are ON events (last quarter), number of events (last eighth), mean ON time (second third), 1 where there are

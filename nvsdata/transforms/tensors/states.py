@@ -16,9 +16,9 @@ Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class _State:
-    """Base of the states, which keep a value for each pixel of a sensor.
+    """Base class of the states, which keep values for each pixel of a sensor.
 
-    `update(events)` takes the next events, which must not be earlier than those before. `tensor(at)` returns the
+    `update(events)` takes the next events, whose times must not go back. `tensor(at)` returns the
     representation at a time in µs, by default at the end of the last events' time, and doesn't change the state.
 
     Args:
@@ -67,7 +67,7 @@ class LatestState(_State):
         self._counts = zeros(sensor_size, (2, *self.shape), np.int64)
 
     def update(self, events: Events) -> None:
-        """Take the next events. ValueError for a larger sensor, or events earlier than those before."""
+        """Update the state with the next events. ValueError for a larger sensor, or if times go back."""
         self._take(events)
         push_times(*events.columns, self._times, self._counts)
 
@@ -99,7 +99,7 @@ class LeakyState(_State):
         self._since = zeros(sensor_size, self.shape, np.int64, -LATEST)
 
     def update(self, events: Events) -> None:
-        """Take the next events. ValueError for a larger sensor, or events earlier than those before."""
+        """Update the state with the next events. ValueError for a larger sensor, or if times go back."""
         self._take(events)
         t, x, y, _ = events.columns
         leak_into(t, x, y, self._increment, self._leak, self._value, self._since)
@@ -129,7 +129,7 @@ class FocusState(_State):
         self._kept = bins, within, zeros(sensor_size, slots[:3], np.int64)
 
     def update(self, events: Events) -> None:
-        """Take the next events. ValueError for a larger sensor, or events earlier than those before."""
+        """Update the state with the next events. ValueError for a larger sensor, or if times go back."""
         self._take(events)
         if self._origin is None and self.latest is not None:
             self._origin = events.start
