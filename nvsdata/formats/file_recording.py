@@ -40,7 +40,7 @@ class FileRecording(Recording):
     Args:
         path: The file.
         sensor_size: (width, height) in pixels, in place of the size that the file states (default None).
-        strict: Whether damage is a FormatError (default True). Otherwise damaged parts are left out, and counted in
+        strict: Whether damage raises a FormatError (default True). Otherwise damaged parts are left out, and counted in
             `repairs`.
 
     Example:

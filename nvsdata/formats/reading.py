@@ -25,7 +25,7 @@ def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = 
             otherwise the smallest that contains the events). Some formats, such as that of N-MNIST, state no size:
             without `sensor_size=(34, 34)`, a file without events in the last row or column gets a smaller size than
             other files.
-        strict: Whether damage is a FormatError (default True). Otherwise damaged parts are left out: a torn tail is
+        strict: Whether damage raises a FormatError (default True). Otherwise damaged parts are left out: a torn tail is
             cut off, and events outside the sensor are dropped. `Recording.repairs` counts them.
 
     Returns:
@@ -71,7 +71,7 @@ def read(
             otherwise the smallest that contains the events).
         relative: Whether `start` and `stop` count from the recording's first event (default False). The times of the
             events are those of the file in both cases.
-        strict: Whether damage is a FormatError (default True). Otherwise damaged parts are left out.
+        strict: Whether damage raises a FormatError (default True). Otherwise damaged parts are left out.
 
     Returns:
         The events, sorted by time.
