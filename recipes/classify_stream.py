@@ -5,7 +5,7 @@
 
 The network gets the events in pieces of --every µs and updates its scores incrementally (docs/streaming.md), with the
 window, the graph and the sampling of its training. With --speed X the events arrive X times as fast as they were
-recorded. Then a decision that is late by more than --behind µs is skipped, but no event is.
+recorded. Then a decision that is late by more than --behind µs is skipped; events are never skipped.
 
 A line has `time` (µs, in the recording's clock), `class`, `probability`, `events` (number in the window), `work`
 (computing time in µs since the last decision) and, with --speed, `behind` (delay in µs) and `skipped` (number of

@@ -63,7 +63,7 @@ def convert_videos(
         view: Part of each video, and how its frames are fitted to `size` (default: all of it, padded with black).
         limit: Number of videos to convert, the first ones in order of path (default: all).
         scheduler: Address of a Dask cluster that converts the videos in place of local processes. It needs
-            `nvsdata[distributed]`, and its workers must see both folders under the same paths.
+            `nvsdata[distributed]`, and its workers must have both folders under the same paths.
         shard: (i, n), with i from 1 to n: convert every n-th video from the i-th on. Processes of different shards may
             write to the same folder at the same time. Each has its own manifest, and the next run without shards joins
             them.

@@ -154,8 +154,8 @@ def _slope(settings: PIX2NVSSettings) -> float:
 def _precision(settings: PIX2NVSSettings) -> Any:
     """Return float32 where its rounding shifts no event by 1 µs at 25 frames/s, else float64.
 
-    That holds for logarithms without tiny thresholds or alpha. A moving average in float32 stays up to 2^-22 / alpha
-    away from its level, because smaller steps are lost.
+    float32 suffices in mode LI unless `t_log` is large, or `threshold` or `alpha` is small. A moving average in float32
+    stays up to 2^-22 / alpha away from its level, because smaller steps are lost.
     """
     plain = settings.mode == "LI" and settings.t_log <= 32
     follows = not settings.exp or settings.alpha >= 0.01

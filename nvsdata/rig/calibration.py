@@ -64,7 +64,7 @@ def response(events: Events, line: ClockFit, shown: list[float], bright: list[bo
         events: Events of the camera.
         line: Fit of camera time to host time.
         shown: Host times (µs) of the flashes.
-        bright: True for each flash to bright, False to dim.
+        bright: True for each change to bright, False for each change to dim.
     """
     width, height = events.sensor_size
     seen = np.zeros(width * height)

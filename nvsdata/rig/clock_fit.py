@@ -78,7 +78,7 @@ def fit_clock(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarra
 
     Args:
         seen: The camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen. There
-            is a trigger at each flash to bright, and there may be others.
+            is a trigger at each change to bright, and there may be others.
         shown: Host times (µs, rising) at which the entire screen changed, [n].
         bright: True for changes to bright (ON events), False for changes to dark (OFF events), [n].
 

@@ -40,7 +40,7 @@ class Content:
     Args:
         emulated: Events that PIX2NVS emulates for the video in the same view.
         scale: Recorded events per emulated event, median over time; None for a quiet video.
-        gap: Longest time in ms without events in which the video moves.
+        gap: Longest time in ms without events while the video moves.
         hidden: Fraction of the video's motion that is in parts of the sensor without events.
         stray: Fraction of the recorded events that the video's motion doesn't explain.
         noise: Event rate in Hz per pixel while the first frame is still.

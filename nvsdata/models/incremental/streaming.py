@@ -247,8 +247,9 @@ class CausalStream(_IncrementalInference):
 
     The neighbors of an event are among the events in the window at its time. Its features in each layer are computed
     once, in `feed`. The scores are computed from the maxima over the events in the window. Until the first event leaves
-    the window, the scores are those of the network on `graph` of all events, up to rounding. Afterwards, events at the
-    beginning of the window still include neighbors that have left it, unlike in a graph of the window alone.
+    the window, the scores are those of the network on `graph` of all events, up to rounding. Afterwards, the
+    features of events at the beginning of the window still depend on neighbors that have left it, unlike in a graph of
+    the window alone.
 
     Attributes:
         products: Number of multiplications since construction or `reset`.

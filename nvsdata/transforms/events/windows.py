@@ -219,8 +219,8 @@ def _required(steps: list[Any], transform: Any) -> int:
 def _starts(total: int, count: int, duration: int) -> list[int]:
     """Return the starts of `count` windows of `duration` µs, in µs from the beginning of a recording of `total` µs.
 
-    If they fit without overlap, each starts at a random time in one of `count` equal parts. Otherwise they are at
-    equal distances and overlap.
+    If they fit without overlap, each starts at a random time in one of `count` equal parts. Otherwise they are
+    evenly spaced and overlap.
     """
     if count * duration > total:
         gaps = max(count - 1, 1)

@@ -43,8 +43,8 @@ class RadiusGraph:
         radius: Largest distance (default 3.0).
         alpha: Weight of squared pixels (default 1.0).
         beta: Weight of squared µs (default (0.5e-5)²). The default is that of the author's graphs, where time is scaled
-            by 0.5e-5 per µs and then squared: neighbors are near in space, at any time of the window. Read literally,
-            the thesis has 0.5e-5. Then 1.3 ms count as much as 3 pixels, and most nodes have no neighbor.
+            by 0.5e-5 per µs and then squared: neighbors are near in space, at any time of the window. The value
+            printed in the thesis is 0.5e-5: then 1.3 ms count as much as 3 pixels, and most nodes have no neighbor.
         max_degree: Largest number of edges that end in a node (default 32).
         pseudo: Kind of pseudo-coordinates: "abs" (as in the thesis) has |dx| and |dy|, "signed" (default, as in the
             author's code) dx and dy, "signed-time" also dt.

@@ -20,8 +20,8 @@ from nvsdata.kernels.represent.surfaces import sum_surfaces
 class HATS:
     """Compute histograms of averaged time surfaces (HATS; Sironi et al. 2018).
 
-    The surface of an event sums exp(-(t_i - t_j) / tau) over earlier events in its cell, of its polarity and not more
-    than `window` earlier, for each offset (row, column) of up to `radius` pixels (equations 4 and 5). The surfaces of
+    The surface of an event sums exp(-(t_i - t_j) / tau) over earlier events in its cell, of its polarity and at most
+    `window` earlier, for each offset (row, column) of up to `radius` pixels (equations 4 and 5). The surfaces of
     all events in a cell are summed, and divided by the number of its events of both polarities (equation 7). tonic's
     `ToAveragedTimesurface` also counts the event itself, and divides by the number of events of each polarity. The
     defaults are those of the paper for N-CARS.
