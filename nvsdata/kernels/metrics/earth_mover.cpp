@@ -93,7 +93,6 @@ public:
             potential_.push_back(source ? -far : far);
         }
         nodes_[root_].depth = 0;
-        potential_[root_] = 0;
         for (i32 node = 0; node < root_; ++node) attach(node, root_);
     }
 

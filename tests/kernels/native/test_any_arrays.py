@@ -260,3 +260,9 @@ def test_arrays_that_do_not_fit(calls, name):
                 assert f"argument {place + 1} must be" in str(error), (what, place)
             if what in SAME and repeats and not error:
                 assert (found, plain(tuple(given))) == (result, plain(after)), (what, place)
+
+
+def test_first_of_several_types_is_named():
+    expected = r"sum_polarity\(\): argument 1 must be ndarray\[dtype=int16, .* not ndarray of float64"
+    with pytest.raises(TypeError, match=expected):
+        _native.sum_polarity(*[np.zeros(3)] * 5)
