@@ -26,12 +26,8 @@ def comparison() -> list[tuple[str, ...]]:
 
 def _ratio(other: Measurement, ours: Measurement) -> str:
     version = f" ({other.version})" if other.version else ""
-    differs = f", differs by {_amount(other.error)}" if _differs(other) else ""
+    differs = f", differs by {number(other.error)}" if _differs(other) else ""
     return f"{other.library}{version}: {other.seconds / ours.seconds:.2f}{differs}"
-
-
-def _amount(value: float) -> str:
-    return f"{value:,.0f}" if value >= 1000 else number(value)
 
 
 def _differs(one: Measurement) -> bool:
@@ -46,7 +42,7 @@ def growth() -> list[tuple[str, ...]]:
             ours = sorted((one for one in group if one.library == OURS), key=lambda one: one.place)
             first, last = ours[0], ours[-1]
             ends = f"{first.place:,.0f} and {last.place:,.0f} {last.axis}"
-            memory = "" if last.peak_memory is None else f", {_amount(last.peak_memory / 1e6)} MB"
+            memory = "" if last.peak_memory is None else f", {number(last.peak_memory / 1e6)} MB"
             cost = f"{duration(last.seconds)}{memory}"
             rows.append((last.task, last.benchmark, ends, f"{exponent(ours):.2f}", cost))
     return rows

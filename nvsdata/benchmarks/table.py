@@ -46,13 +46,15 @@ def _label(one: Measurement) -> str:
 
 
 def number(value: float | None) -> str:
-    """Format a number with three significant digits; empty for None and NaN.
+    """Format a number with three significant digits, or as a whole number from 1,000 on; empty for None and NaN.
 
     Example:
-        >>> number(0.12345)
-        '0.123'
+        >>> number(0.12345), number(12345.6)
+        ('0.123', '12,346')
     """
-    return "" if value is None or math.isnan(value) else "0" if value == 0 else f"{value:.3g}"
+    if value is None or math.isnan(value):
+        return ""
+    return f"{value:,.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
 def duration(seconds: float) -> str:
