@@ -18,7 +18,6 @@ import argparse
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -141,16 +140,19 @@ def with_event_count(
     def with_threshold(value: float) -> Any:
         return replace(settings, **({"on": value, "off": value} if isinstance(settings, DVS) else {"threshold": value}))
 
-    def has_more(emulator: Any) -> bool:
-        # the sum only grows: often the first images decide
-        sums = accumulate(len(emulator.emulate(moved(still))) for still in images)
-        return any(count > events * len(images) for count in sums)
-
-    low, high = 0.02, 2.0
+    wanted = events * len(images)
+    low, value, high = 0.02, 0.2, 2.0
     while high / low > 1.01:
-        middle = (low * high) ** 0.5
-        low, high = (middle, high) if has_more(with_threshold(middle)) else (low, middle)
-    return with_threshold(low)
+        emulator = with_threshold(value)
+        found = sum(len(emulator.emulate(moved(still))) for still in images)
+        if abs(found - wanted) <= 0.01 * wanted:
+            break
+        low, high = (value, high) if found > wanted else (low, value)
+        # the number of events is nearly inverse to the threshold
+        value *= found / wanted
+        if not low < value < high:
+            value = (low * high) ** 0.5
+    return with_threshold(value)
 
 
 def train(args: argparse.Namespace, data: TrainTestSplit, protocol: Objects, out: Path, here: Team) -> torch.nn.Module:
