@@ -10,6 +10,18 @@ import torch
 from places import RECIPES
 
 
+# the fixtures of conftest.py, for other processes
+PLOTLESS = """
+import runpy, sys
+from nvsdata.training import accuracy_by_window, report
+accuracy_by_window.MOST_DRAWS = 1
+report._pictures, report._sheet = lambda *_: {{}}, lambda *_: None
+sys.path.insert(0, {recipes!r})
+runpy.run_path({recipes!r} + "/train_objects.py", run_name="__main__")
+"""
+
+
+@pytest.mark.usefixtures("plotless")
 def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path):
     # 40 recordings in batches of 15: the last one, of 10, is cut to shares of another size
     flags = ["--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 1, "--batch", 15, "--votes", 1]
@@ -17,8 +29,9 @@ def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path)
     flags += ["--depth", 3]
     flags = [*map(str, flags), "--device", "cpu", "--out"]
     run("train_objects.py", *flags, tmp_path / "1")
+    (tmp_path / "recipe.py").write_text(PLOTLESS.format(recipes=str(RECIPES)))
     launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    command = [*launch, str(RECIPES / "train_objects.py"), *flags, str(tmp_path / "2")]
+    command = [*launch, str(tmp_path / "recipe.py"), *flags, str(tmp_path / "2")]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=environment)
     assert result.returncode == 0, result.stderr[-3000:]
