@@ -111,6 +111,7 @@ TRANSFORMS = [
     ("ours", T.Points, "Points(count=1024)"),
     ("ours", T.Patch, "Patch(size=5)"),
     ("ours", T.PatchMean, "PatchMean(size=5)"),
+    ("ours", T.TimeBins, "TimeBins(bins=4)"),
     ("ours", T.MergePixels, "MergePixels(times=(), log=False)"),
     ("ours", T.TimeSurface, "TimeSurface(tau=50000, every=None)"),
     ("ours", T.EventSurfaces, "EventSurfaces(radius=2, tau=50000, polarity='own')"),

@@ -47,6 +47,7 @@ FEATURES: dict[str, Any] = {
     "age": T.Age(),
     **{f"patch{size}": T.Patch(size) for size in (3, 5, 7)},
     **{f"mean{size}": T.PatchMean(size) for size in (3, 5, 7)},
+    **{f"bins{bins}": T.TimeBins(bins) for bins in (2, 4, 8)},
 }
 
 

@@ -30,7 +30,7 @@ from nvsdata.transforms.graphs.augment import (
     affine,
 )
 from nvsdata.transforms.graphs.edges import KNNGraph, RadiusGraph
-from nvsdata.transforms.graphs.features import Age, MergePixels, NodeFeatures, Patch, PatchMean
+from nvsdata.transforms.graphs.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, TimeBins
 from nvsdata.transforms.graphs.grid import Graph2Grid
 from nvsdata.transforms.registry import TRANSFORMS, from_repr, register_transform
 from nvsdata.transforms.tensors.active_focus import TAF
@@ -115,6 +115,7 @@ __all__ = [
     "SlidingClips",
     "SpatialJitter",
     "StackedHistogram",
+    "TimeBins",
     "TimeJitter",
     "TimeSurface",
     "ToFrames",

@@ -9,7 +9,6 @@ import pytest
 import torch
 from places import RECIPES
 
-
 # the fixtures of conftest.py, for other processes
 PLOTLESS = """
 import runpy, sys

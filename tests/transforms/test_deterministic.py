@@ -56,6 +56,7 @@ EXAMPLES = [
     (T.Normalize(), FRAMES),
     (T.Patch(), (EVENTS, T.RadiusGraph()(EVENTS))),
     (T.PatchMean(), (EVENTS, T.RadiusGraph()(EVENTS))),
+    (T.TimeBins(), (EVENTS, T.RadiusGraph()(EVENTS))),
     (T.Points(30), EVENTS),
     (T.RadiusGraph(), EVENTS),
     (T.RandomAffine(), EVENTS),

@@ -20,7 +20,7 @@ SIDE = 32_767  # the largest sensor that events can address
 EVENTS = Events([0, 5, 9_999], [0, 3, 5], [1, 0, 3], [0, 1, 1], (6, 4))
 GRAPH = T.RadiusGraph()(EVENTS)
 UNKNOWN = replace(GRAPH, sensor_size=None)
-CALLED_WITH_MORE = T.Age | T.Patch | T.PatchMean | T.WithBoxes
+CALLED_WITH_MORE = T.Age | T.Patch | T.PatchMean | T.TimeBins | T.WithBoxes
 EVERY = [transform for transform, _ in EXAMPLES]
 CALLED = [transform for transform in EVERY if not isinstance(transform, CALLED_WITH_MORE)]
 each = pytest.mark.parametrize("transform", CALLED, ids=repr)
@@ -112,7 +112,7 @@ def test_a_wrong_kind_of_sample_is_named(transform):
                 assert not isinstance(found, Exception), kind
 
 
-@pytest.mark.parametrize("feature", [T.Age(), T.Patch(), T.PatchMean()], ids=repr)
+@pytest.mark.parametrize("feature", [T.Age(), T.Patch(), T.PatchMean(), T.TimeBins()], ids=repr)
 @pytest.mark.parametrize(
     ("given", "message"),
     [

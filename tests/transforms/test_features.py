@@ -116,6 +116,21 @@ def test_a_patch_row_by_row():
     assert patch == [0, 0, 0, 0, 1, 2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0]
 
 
+@given(events(max_size=60, width=20, height=12), st.integers(1, 5), st.sampled_from((0.0, 0.4, -0.7, 1e4)))
+def test_bins_count_the_events_of_a_pixel_in_parts_of_the_window(ev, bins, shift):
+    nodes = T.MergePixels()(ev)
+    # after an augmentation nodes lie between pixels, or beyond the sensor
+    nodes = replace(nodes, pos=nodes.pos + torch.tensor([shift, -shift]))
+    expected = torch.zeros(nodes.num_nodes, 2, bins)
+    for node, (u, v) in enumerate(nodes.pos.tolist()):
+        for t, x, y, p in listed(ev):
+            part = min(bins * (t - ev.start) // max(ev.duration, 1), bins - 1)
+            expected[node, 0 if p else 1, part] += (x, y) == (math.floor(u + 0.5), math.floor(v + 0.5))
+    found = T.TimeBins(bins)(ev, nodes)
+    assert found.dtype == torch.float32
+    torch.testing.assert_close(found, expected.log1p().flatten(1))
+
+
 @given(events(max_size=60), st.integers(0, 5_000), st.integers(1, 90_000))
 def test_age_is_a_share_of_the_window(ev, start, length):
     whole = Events(ev.t, ev.x, ev.y, ev.p, ev.sensor_size, start=0, end=10**6)

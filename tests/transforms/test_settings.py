@@ -80,6 +80,7 @@ BOUNDS = [
     (T.MotionCrop, "size", 1, 0, None, None, FRAMES),
     (T.NonUniformSample, "k", 1, 0, None, None, EVENTS),
     *((kind, "size", 1, -1, 17, 19, None) for kind in (T.Patch, T.PatchMean)),
+    (T.TimeBins, "bins", 1, 0, None, None, None),
     (T.Points, "count", 1, 0, None, None, EVENTS),
     (T.RadiusGraph, "alpha", 0, -1, None, None, EVENTS),
     (T.RadiusGraph, "beta", 0, -1, None, None, EVENTS),

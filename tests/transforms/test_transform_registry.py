@@ -22,7 +22,7 @@ from nvsdata.transforms import from_repr
         T.KNNGraph(3, reach=5, pseudo="abs"),
         T.NodeFeatures(
             T.Compose([T.NonUniformSample(2, beta=0.0), T.RadiusGraph(pseudo="abs")]),
-            [T.Age(), T.Patch(3), T.PatchMean(7)],
+            [T.Age(), T.Patch(3), T.PatchMean(7), T.TimeBins(2)],
         ),
         T.Each(T.Compose([T.MergePixels(("first", "last", "mean")), T.KNNGraph(2)])),
     ],

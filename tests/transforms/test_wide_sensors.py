@@ -67,7 +67,7 @@ ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.Spat
 ELSEWHERE = (*ELSEWHERE, T.DART, T.GroupTokens, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomFlip, T.Resize)
-FEATURES = (T.Age, T.Patch, T.PatchMean)
+FEATURES = (T.Age, T.Patch, T.PatchMean, T.TimeBins)
 WITHIN = (
     T.Center,
     T.Each,

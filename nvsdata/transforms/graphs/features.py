@@ -16,6 +16,7 @@ from nvsdata.data.recording import Recording, as_events, events_inside, wrong_ty
 from nvsdata.kernels.represent.patches import merged_pixels, patch_counts
 from nvsdata.transforms.apply import with_boxes
 from nvsdata.transforms.compose import is_deterministic
+from nvsdata.transforms.tensors.event_frames import ToFrames
 
 Time = Literal["first", "last", "mean"]
 LARGEST = 17  # pixels along a side of a patch
@@ -161,6 +162,49 @@ class PatchMean:
         return torch.from_numpy(np.stack((np.log1p(both), (on - off) / np.maximum(both, 1)), 1))
 
 
+@dataclass(frozen=True)
+class TimeBins:
+    """Number of events at a node's pixel in each of equal parts of the window: a feature for `NodeFeatures`.
+
+    Args:
+        bins: Number of parts (default 4).
+
+    Returns:
+        float32 [N, 2 bins]: log(1 + count) of each part in order of time, first of ON, then of OFF. The call takes the
+        events and the graph.
+
+    Raises:
+        ValueError: `bins` isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 5, 10], [1, 2, 1], [1, 1, 1], [1, 0, 1], (8, 8))
+        >>> T.TimeBins(2)(events, T.RadiusGraph()(events)).expm1().round().tolist()
+        [[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [1.0, 1.0, 0.0, 0.0]]
+    """
+
+    bins: int = 4
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        ToFrames(bins=self.bins)
+
+    @property
+    def channels(self) -> int:
+        """Number of features."""
+        return 2 * int(self.bins)
+
+    def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
+        """Return the feature float32 [N, 2 bins] of N nodes."""
+        _check_given(events, nodes)
+        frames = ToFrames(bins=self.bins)(events)
+        x, y = (nodes.pos + 0.5).floor().long().T
+        width, height = events.sensor_size
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        counts = frames[:, :, y.clamp(0, height - 1), x.clamp(0, width - 1)] * inside
+        return counts.permute(2, 1, 0).reshape(-1, self.channels).log1p()
+
+
 Feature = Callable[[Events, Graph], torch.Tensor]
 
 
@@ -170,8 +214,8 @@ class NodeFeatures:
 
     Args:
         graph: Transform from events to a graph, such as `Compose([NonUniformSample(8), RadiusGraph()])`.
-        features: List of `Age`, `Patch`, `PatchMean`, or of functions that take the events and the graph and return a
-            tensor float32 [N, F] for N nodes.
+        features: List of `Age`, `Patch`, `PatchMean`, `TimeBins`, or of functions that take the events and the graph
+            and return a tensor float32 [N, F] for N nodes.
 
     Returns:
         The graph, with the new features after its own. The call takes `Events` or a `Recording`.
