@@ -16,7 +16,7 @@ from torch.utils.data import Dataset
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
 from nvsdata.datasets.seeded import Epochs, seeded
-from nvsdata.datasets.splits import held_out, split_hash, stratified
+from nvsdata.datasets.splits import Parts, held_out, held_out_last, split_hash, stratified
 
 Transform = Callable[[Any], Any]
 PairTransform = Callable[[Any, Any], tuple[Any, Any]]
@@ -46,6 +46,7 @@ class Samples(Dataset[tuple[Any, Any]]):
     classes: list[str]
     transforms: PairTransform | None = None  # in place of `transform` and `target_transform`
     independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on the samples
+    in_scenes: ClassVar[bool] = False  # files with neighboring names often show the same scene
 
     def _set(
         self,
@@ -109,8 +110,8 @@ class Samples(Dataset[tuple[Any, Any]]):
         """Hold out about a fraction of each class for validation, each file independently of all other files.
 
         A hash of class and file name decides about each file, so adding or removing files doesn't move other files. All
-        windows and labeled parts of one class and one file are in the same dataset. So are recordings of the same
-        scene, if the dataset knows them by their names (N-CARS).
+        windows and labeled parts of one class and one file are in the same dataset. If neighboring names of a dataset
+        often show the same scene (N-CARS), the last names of each class are held out instead.
 
         Args:
             fraction: approximate fraction to hold out, between 0 and 1.
@@ -121,31 +122,19 @@ class Samples(Dataset[tuple[Any, Any]]):
         Raises:
             ValueError: unless 0 < fraction < 1, or if one of the two datasets would have no recordings of a class.
         """
-        return self._halves(lambda files: held_out(files, fraction), self._scene)
+        return self._halves(lambda files: (held_out_last if self.in_scenes else held_out)(files, fraction))
 
-    def _scene(self, stem: str) -> str:
-        """Return the name of the scene that a file shows; files of one scene are held out together.
+    def _halves(self, split: Callable[[list[tuple[str, str]]], Parts]) -> tuple[Self, Self]:
+        """Split into two datasets by file; `split` is called with the (class, file) of all files.
 
-        `stem` is the file's name without folder and extension. By default each file is a scene of its own.
+        A file is given by its name without folder and extension.
         """
-        return stem
-
-    def _halves(
-        self,
-        split: Callable[[list[tuple[str, str]]], tuple[list[int], list[int]]],
-        group: Callable[[str], str] = str,
-    ) -> tuple[Self, Self]:
-        """Split into two datasets by file.
-
-        `group` is called with a file's name without folder and extension, and returns its group. `split` is called with
-        the (class, group) of all files.
-        """
-        groups: dict[tuple[str, str], list[int]] = {}
+        files: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):
-            files = " ".join(group(name.rsplit("/", 1)[-1].rsplit(".", 1)[0]) for name in self._files(sample))
-            groups.setdefault((self.classes[sample.label], files), []).append(index)
-        members = list(groups.values())
-        first, second = (sorted(chain.from_iterable(members[n] for n in side)) for side in split(list(groups)))
+            names = " ".join(name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in self._files(sample))
+            files.setdefault((self.classes[sample.label], names), []).append(index)
+        members = list(files.values())
+        first, second = (sorted(chain.from_iterable(members[n] for n in side)) for side in split(list(files)))
         return self.subset(first), self.subset(second)
 
     @property

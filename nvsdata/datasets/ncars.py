@@ -7,16 +7,14 @@ from typing import ClassVar
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info, expected_names
 
-SCENE = 100  # consecutive numbers; ten to twenty of them are often of one car or place
-
 
 class NCARS(EventDataset):
     """N-CARS (Sironi et al. 2018): crops of cars and background from the recordings of an ATIS, 100 ms each.
 
     7,940 cars and 7,482 backgrounds for training, 4,396 and 4,211 for testing, in
     `n-cars_train/{cars,background}/obj_<id>_td.dat` and `n-cars_test`. The crops differ in size; the largest,
-    120x100, is taken as the sensor's size. Classes: background 0, cars 1. Recordings with neighboring numbers
-    are often of the same car or place, so `hold_out` holds out blocks of 100 numbers.
+    120x100, is taken as the sensor's size. Classes: background 0, cars 1. Recordings are numbered in order of a drive,
+    so neighboring numbers often show the same car or place: `hold_out` holds out the highest numbers of each class.
 
     Args:
         root: a folder, or a packed store that `nvsdata pack` made from one.
@@ -58,9 +56,5 @@ class NCARS(EventDataset):
         known_from="a public program that reads the dataset",
         tree="n-cars_train/<class>/obj_<id>_td.dat and n-cars_test/<class>/obj_<id>_td.dat",
     )
+    in_scenes: ClassVar[bool] = True
     aliases: ClassVar[dict[str, str]] = {"car": "cars"}
-
-    def _scene(self, stem: str) -> str:
-        """Return the block of consecutive numbers that a recording is in; a name without a number is its own scene."""
-        number = "".join(filter(str.isdecimal, stem))
-        return str(int(number) // SCENE) if number else stem

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from hashlib import blake2b
 
+Parts = tuple[list[int], list[int]]  # indices of recordings for training, and of those held out
+
 
 def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: int = 0) -> tuple[list[int], list[int]]:
     """Split recordings randomly into training and testing, with the same fraction of each class.
@@ -47,7 +49,7 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
     return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
 
 
-def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> tuple[list[int], list[int]]:
+def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> Parts:
     """Hold out a fraction of the recordings for validation, by a hash of class and name.
 
     The hash of a recording alone decides whether it is held out, so adding or removing others makes no difference to
@@ -69,12 +71,42 @@ def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> tuple[li
         >>> len(rest), len(validation)
         (911, 89)
     """
-    if not 0 < fraction < 1:
-        raise ValueError(f"the fraction for validation must be between 0 and 1, not {fraction}")
-    parts: tuple[list[int], list[int]] = [], []
+    _check_fraction(fraction)
+    parts: Parts = [], []
     for index, (group, name) in enumerate(recordings):
         begun = blake2b(f"{group}\0".encode("utf-8", "surrogatepass"), digest_size=8)
         parts[int.from_bytes(_digest_with(begun, name), "big") < fraction * 2**64].append(index)
+    return _with_all_classes(recordings, fraction, parts)
+
+
+def held_out_last(recordings: Sequence[tuple[str, str]], fraction: float) -> Parts:
+    """Hold out the last recordings of each class, in order of name, for validation.
+
+    Arguments, returned lists and errors are those of `held_out`.
+
+    Example:
+        >>> from nvsdata.datasets.splits import held_out_last
+        >>> held_out_last([("cat", "3"), ("cat", "1"), ("cat", "2")], 0.3)
+        ([1, 2], [0])
+    """
+    _check_fraction(fraction)
+    parts: Parts = [], []
+    names: dict[str, list[str]] = {}
+    for group, name in sorted(recordings):
+        names.setdefault(group, []).append(name)
+    first = {group: some[len(some) - math.floor(len(some) * fraction + 0.5) :] for group, some in names.items()}
+    for index, (group, name) in enumerate(recordings):
+        parts[bool(first[group]) and name >= first[group][0]].append(index)
+    return _with_all_classes(recordings, fraction, parts)
+
+
+def _check_fraction(fraction: float) -> None:
+    if not 0 < fraction < 1:
+        raise ValueError(f"the fraction for validation must be between 0 and 1, not {fraction}")
+
+
+def _with_all_classes(recordings: Sequence[tuple[str, str]], fraction: float, parts: Parts) -> Parts:
+    """Return the parts. ValueError if one of them has no recordings of a class."""
     for part, use in zip(parts, ("training", "validation"), strict=True):
         if missing := {group for group, _ in recordings} - {recordings[index][0] for index in part}:
             raise ValueError(

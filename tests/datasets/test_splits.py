@@ -20,7 +20,7 @@ from nvsdata.datasets import (
     stratified,
 )
 from nvsdata.datasets.hmdb51dvs import official
-from nvsdata.datasets.splits import held_out
+from nvsdata.datasets.splits import held_out, held_out_last
 from nvsdata.datasets.store.writer import pack
 
 texts = st.text(st.characters(exclude_characters="\0"), max_size=6)
@@ -75,18 +75,35 @@ def test_about_the_fraction_of_each_class_is_held_out():
             assert abs(count - 2000 * share) < 4 * (2000 * share * (1 - share)) ** 0.5
 
 
-def test_recordings_of_a_scene_of_n_cars_are_held_out_together(tmp_path):
+@given(recordings, shares)
+def test_the_last_names_of_each_class_are_held_out(found, share):
+    found = list(dict.fromkeys(found))
+    with suppress(ValueError):
+        rest, held_back = held_out_last(found, share)
+        assert sorted(rest + held_back) == list(range(len(found)))
+        for group in {group for group, _ in found}:
+            names = sorted(name for kind, name in found if kind == group)
+            count = round_half_up(len(names) * share)
+            assert sorted(found[i][1] for i in held_back if found[i][0] == group) == names[len(names) - count :]
+
+
+def round_half_up(value):
+    return int(value + 0.5)
+
+
+def test_the_highest_numbers_of_n_cars_are_held_out(tmp_path):
     for group in ("cars", "background"):
         (tmp_path / "n-cars_train" / group).mkdir(parents=True)
         for number in range(3990, 8000, 10):
             (tmp_path / "n-cars_train" / group / f"obj_{number:06d}_td.dat").touch()
-    parts = [
-        {(sample.label, int(sample.stem.split("_")[1]) // 100) for sample in part.samples}
-        for part in NCARS(tmp_path, "train").hold_out(0.3)
-    ]
-    assert all({label for label, _ in part} == {0, 1} for part in parts)
-    assert parts[0].isdisjoint(parts[1])
-    assert len(parts[0] | parts[1]) == 2 * 41
+    rest, held_back = NCARS(tmp_path, "train").hold_out(0.3)
+    for label in (0, 1):
+        numbers = [
+            sorted(int(sample.stem.split("_")[1]) for sample in part.samples if sample.label == label)
+            for part in (rest, held_back)
+        ]
+        assert numbers[0] + numbers[1] == list(range(3990, 8000, 10))
+        assert len(numbers[1]) == 120
 
 
 def test_a_class_without_recordings_in_a_part_is_named():

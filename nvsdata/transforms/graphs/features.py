@@ -202,7 +202,7 @@ class TimeBins:
         width, height = events.sensor_size
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
         counts = frames[:, :, y.clamp(0, height - 1), x.clamp(0, width - 1)] * inside
-        return counts.permute(2, 1, 0).reshape(-1, self.channels).log1p()
+        return torch.log1p(counts.permute(2, 1, 0).reshape(-1, self.channels))
 
 
 Feature = Callable[[Events, Graph], torch.Tensor]
