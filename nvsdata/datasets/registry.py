@@ -33,10 +33,10 @@ def register_dataset(kind: Kind) -> Kind:
         >>> from nvsdata.datasets import EventDataset, dataset_named, register_dataset
         >>> from nvsdata.datasets.facts import Info
         >>> @register_dataset
-        ... class Pens(EventDataset):
-        ...     info = Info("pens", sensor_size=(128, 128), classes=("pen", "pencil"), page="", license="CC0")
-        >>> dataset_named("pens").__name__
-        'Pens'
+        ... class Cups(EventDataset):
+        ...     info = Info("cups", sensor_size=(128, 128), classes=("cup", "mug"), page="", license="CC0")
+        >>> dataset_named("cups").__name__
+        'Cups'
     """
     if not (isinstance(kind, type) and issubclass(kind, EventDataset) and hasattr(kind, "info")):
         raise TypeError(f"register_dataset takes a subclass of EventDataset with an `info`, not {kind!r}")
