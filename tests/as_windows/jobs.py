@@ -34,10 +34,10 @@ def videos_to_recordings(folder):
 def recordings_to_batches(folder, recordings):
     graphs = T.Compose([T.Window(0, 50_000), T.RadiusGraph()])
     dataset = EventFolder(recordings, transform=graphs)
-    for _ in range(2):
+    for workers in (1, 0):
         # the second time from the cache
         cached = nvsdata.cache(dataset, folder / "cache")
-        batches = list(DataLoader(cached, 2, num_workers=1, collate_fn=nvsdata.collate))
+        batches = list(DataLoader(cached, 2, num_workers=workers, collate_fn=nvsdata.collate))
         assert sum(len(batch.targets) for batch in batches) == 4
     command("pack", recordings, "--dataset", "folder", "--out", folder / "all.h5")
     command("pack", recordings, "--dataset", "folder", "--out", folder / "all.h5", "--overwrite")
