@@ -37,8 +37,13 @@ USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout":
 CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
 # settings for a node per pixel, by the sensor's largest side
 PIXELS: dict[int, dict[str, Any]] = {
-    64: {"channels": (32, 64, 128), "clusters": ((2, 2), (5, 5), (10, 10)), "hidden": 128, "sensor_size": (64, 64)},
-    128: {"channels": (32, 64, 128), "clusters": ((4, 4), (10, 10), (20, 20)), "hidden": 128},
+    side: {
+        "channels": (32, 64, 64, 128, 128),
+        "clusters": tuple((cell * side // 64,) * 2 for cell in (2, 2, 4, 4, 8)),
+        "hidden": 128,
+        "sensor_size": (side, side),
+    }
+    for side in (64, 128)
 }
 TIMES: Final = ("first", "last", "mean")
 NODES = ("events", "pixels")

@@ -84,7 +84,7 @@ def test_nodes_of_pixels_have_counts_and_times_and_a_smaller_network():
     protocol = Objects("n-cars", nodes="pixels", features=("patch3",))
     assert protocol.setting("k") == 1
     model = built(protocol, 120, 100, classes=2)
-    assert model.settings["channels"] == (32, 64, 128)
+    assert model.settings["clusters"] == ((4, 4), (4, 4), (8, 8), (8, 8), (16, 16))
     events = Events(range(0, 90, 10), [3, 3, 4, 50, 50, 50, 50, 99, 99], [2] * 9, [1, 1, 0] * 3, (120, 100))
     graph = protocol.pipeline(training=False)(events)
     assert graph.num_nodes == 4
@@ -94,7 +94,8 @@ def test_nodes_of_pixels_have_counts_and_times_and_a_smaller_network():
     assert sorted(graph.pos[:, 0].tolist()) == [11, 12, 58, 107]
     assert graph.pos[:, 1].tolist() == [49] * 4
     halved = Objects("n-cars", nodes="pixels", downsample=2, features=())
-    assert built(halved, 120, 100).settings["sensor_size"] == (64, 64)
+    small = built(halved, 120, 100).settings
+    assert (small["sensor_size"], small["clusters"]) == ((64, 64), ((2, 2), (2, 2), (4, 4), (4, 4), (8, 8)))
     assert halved.pipeline(training=False)(events).sensor_size == (60, 50)
     assert protocol.build((120, 100), 2).eval()(graph).shape == (1, 2)
     # a sensor like N-MNIST's keeps its own network
