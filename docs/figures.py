@@ -1,14 +1,28 @@
-"""Tables made from measurements in `docs/figures/`."""
+"""Tables made from measurements in `docs/figures/`.
+
+    python docs/figures.py "N-CARS" "RG-CNN, a node per pixel" runs/n-cars-0 runs/n-cars-1
+
+adds a row to the table "N-CARS" of `accuracy.json`: the figures of runs of a recipe that differ in their seed.
+"""
 
 from __future__ import annotations
 
+import json
+import shlex
+import sys
+from collections.abc import Sequence
 from pathlib import Path
+from statistics import mean, stdev
+from typing import Any
 
 from nvsdata.benchmarks.curves import by_benchmark, exponent, is_scaling
 from nvsdata.benchmarks.measurement import OURS, Measurement, read_measurements
 from nvsdata.benchmarks.table import duration, number
 
 BENCHMARKS = Path(__file__).parent / "figures" / "benchmarks.json"
+ACCURACY = BENCHMARKS.with_name("accuracy.json")
+ABLATION = BENCHMARKS.with_name("ablation.jsonl")
+DEFAULT = "default"  # the settings from which runs of the ablation study differ
 ROUNDING = 1e-4  # errors up to this are rounding of float32
 
 
@@ -46,3 +60,91 @@ def growth() -> list[tuple[str, ...]]:
             cost = f"{duration(last.seconds)}{memory}"
             rows.append((last.task, last.benchmark, ends, f"{exponent(ours):.2f}", cost))
     return rows
+
+
+def accuracy(table: str) -> list[tuple[str, ...]]:
+    """Return a row for each group of runs in a table of `accuracy.json`, after a head."""
+    rows = [("network", "seeds", "validation", "test: one window", "test: vote", "minutes per run", "commit")]
+    for name, runs in json.loads(ACCURACY.read_bytes())[table].items():
+        row = [
+            name,
+            ", ".join(str(run["seed"]) for run in runs),
+            _spread([run["validation"] for run in runs]),
+            _with_intervals([run["window"] for run in runs]),
+            _with_intervals([run["vote"] for run in runs]) if runs[0]["windows"] > 1 else "",
+            f"{mean(run['minutes'] for run in runs):.1f}",
+            runs[0]["commit"][:8],
+        ]
+        rows.append(tuple(row))
+    return rows
+
+
+def ablation() -> list[tuple[str, ...]]:
+    """Return a row for each setting of the ablation study, after a head.
+
+    Differences from the defaults are means over seeds of the differences between runs with the same seed.
+    """
+    head = ("changed settings", "one window", "vote", "points from the defaults: one window", "vote", "minutes")
+    _, *lines = map(json.loads, ABLATION.read_text().splitlines())
+    runs: dict[str, dict[int, dict[str, Any]]] = {}
+    for line in lines:
+        runs.setdefault(line["settings"], {})[line["seed"]] = line
+    rows = []
+    for settings, by_seed in runs.items():
+        row = [settings, *(_spread([run[kind] for run in by_seed.values()]) for kind in ("one", "five"))]
+        for kind in ("one", "five"):
+            points = [100 * (run[kind] - runs[DEFAULT][seed][kind]) for seed, run in by_seed.items()]
+            row.append("" if settings == DEFAULT else f"{mean(points):+.1f} ± {stdev(points):.1f}")
+        rows.append((*row, f"{mean(run['minutes'] for run in by_seed.values()):.1f}"))
+    return [head, *sorted(rows, key=lambda row: (row[0] != DEFAULT, row[0]))]
+
+
+def _spread(values: Sequence[float]) -> str:
+    return f"{mean(values):.3f}" + (f" ± {stdev(values):.3f}" if len(values) > 1 else "")
+
+
+def _with_intervals(accuracies: list[list[float]]) -> str:
+    values, lows, highs = zip(*accuracies, strict=True)
+    return f"{_spread(values)} ({min(lows):.3f} to {max(highs):.3f})"
+
+
+def add_runs(table: str, row: str, folders: list[Path]) -> None:
+    """Add the figures of runs to `accuracy.json`, or replace those of the row."""
+    known = json.loads(ACCURACY.read_bytes()) if ACCURACY.exists() else {}
+    known.setdefault(table, {})[row] = [_figures(folder) for folder in folders]
+    ACCURACY.write_text(json.dumps(known, indent=1) + "\n")
+
+
+def _figures(folder: Path) -> dict[str, Any]:
+    report = json.loads((folder / "report.json").read_bytes())
+    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    run = report["run"]
+    return {
+        "command": shlex.join(_without_folders(run["command"])),
+        "seed": int(run["command"][run["command"].index("--seed") + 1]) if "--seed" in run["command"] else 0,
+        "validation": lines[run["epoch"] - 1].get("validation_accuracy"),
+        "window": report["accuracy"]["window"],
+        "vote": report["accuracy"]["vote"],
+        "recordings": report["recordings"],
+        "windows": report["windows"],
+        "epoch": run["epoch"],
+        "epoch_chosen_by": run["epoch_chosen_by"],
+        "minutes": round(sum(line["seconds"] for line in lines) / 60, 2),
+        "commit": run["commit"],
+        "machine": run["machine"],
+        "split_hashes": {name: value for name, value in report["data"].items() if "hash" in name},
+    }
+
+
+def _without_folders(words: list[str]) -> list[str]:
+    """Return a command line without --out, --root and --seed."""
+    kept, skip = [], False
+    for word in words:
+        if not skip and word not in ("--out", "--root", "--seed"):
+            kept.append(word)
+        skip = word in ("--out", "--root", "--seed")
+    return kept
+
+
+if __name__ == "__main__":
+    add_runs(sys.argv[1], sys.argv[2], [Path(folder) for folder in sys.argv[3:]])

@@ -23,7 +23,7 @@ from nvsdata.training.objects import Objects
 from nvsdata.transforms.events.sampling import BETA
 
 RELATIVE = "largest difference of scores from float64, relative to the largest score"
-TRAINED = "classification error on N-MNIST of networks trained with it for 40 epochs (docs/ablation.jsonl)"
+TRAINED = "classification error on N-MNIST of networks trained with it for 40 epochs (docs/figures/ablation.jsonl)"
 # classification errors of single windows, by setting of the pipeline: means of three seeds
 ERRORS: dict[str, dict[Any, float]] = {
     "k": {1: 0.0628, 2: 0.0723, 4: 0.0841, 8: 0.1253},
