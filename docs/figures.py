@@ -15,6 +15,8 @@ from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
 
+from scipy.stats import ttest_1samp
+
 from nvsdata.benchmarks.curves import by_benchmark, exponent, is_scaling
 from nvsdata.benchmarks.measurement import OURS, Measurement, read_measurements
 from nvsdata.benchmarks.table import duration, number
@@ -82,7 +84,8 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
 def ablation() -> list[tuple[str, ...]]:
     """Return a row for each setting of the ablation study, after a head.
 
-    Differences from the defaults are means over seeds of the differences between runs with the same seed.
+    Differences from the defaults are means over seeds of the differences between runs with the same seed; an asterisk
+    marks those with p < 0.05 by a t test over the seeds.
     """
     head = ("changed settings", "one window", "vote", "points from the defaults: one window", "vote", "minutes")
     _, *lines = map(json.loads, ABLATION.read_text().splitlines())
@@ -94,9 +97,14 @@ def ablation() -> list[tuple[str, ...]]:
         row = [settings, *(_spread([run[kind] for run in by_seed.values()]) for kind in ("one", "five"))]
         for kind in ("one", "five"):
             points = [100 * (run[kind] - runs[DEFAULT][seed][kind]) for seed, run in by_seed.items()]
-            row.append("" if settings == DEFAULT else f"{mean(points):+.1f} ± {stdev(points):.1f}")
+            row.append("" if settings == DEFAULT else _difference(points))
         rows.append((*row, f"{mean(run['minutes'] for run in by_seed.values()):.1f}"))
     return [head, *sorted(rows, key=lambda row: (row[0] != DEFAULT, row[0]))]
+
+
+def _difference(points: list[float]) -> str:
+    mark = " *" if ttest_1samp(points, 0).pvalue < 0.05 else ""
+    return f"{mean(points):+.1f} ± {stdev(points):.1f}{mark}"
 
 
 def _spread(values: Sequence[float]) -> str:
