@@ -133,6 +133,7 @@ def _figures(folder: Path) -> dict[str, Any]:
         "validation": lines[run["epoch"] - 1].get("validation_accuracy"),
         "window": report["accuracy"]["window"],
         "vote": report["accuracy"]["vote"],
+        "tested_on": report["tested_on"],
         "recordings": report["recordings"],
         "windows": report["windows"],
         "epoch": run["epoch"],

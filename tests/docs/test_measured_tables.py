@@ -1,0 +1,73 @@
+"""Tables that the site makes from measurements."""
+
+import json
+from statistics import mean
+
+import figures
+
+from nvsdata.benchmarks.measurement import OURS, read_measurements
+
+
+def test_each_ratio_is_that_of_the_measured_times():
+    head, *rows = figures.comparison()
+    measured = read_measurements(figures.BENCHMARKS)
+    for _, benchmark, _, ratios, _ in rows:
+        seconds = {one.library: one.seconds for one in measured if one.benchmark == benchmark}
+        for cell in ratios.split("; "):
+            library = cell.split(": ")[0].split(" (")[0]
+            assert f"{seconds[library] / seconds[OURS]:.2f}" == cell.split(": ")[1].split(",")[0]
+    assert len(head) == 5
+    assert len(rows) > 30
+
+
+def test_growth_ends_at_the_largest_size():
+    rows = figures.growth()[1:]
+    assert rows
+    for _, benchmark, ends, exponent, _ in rows:
+        sizes = [one.place for one in read_measurements(figures.BENCHMARKS) if one.benchmark == benchmark]
+        assert ends.startswith(f"{min(sizes):,.0f} and {max(sizes):,.0f} ")
+        assert -0.5 < float(exponent) < 2.5
+
+
+def test_the_ablation_study_compares_runs_of_one_seed():
+    head, first, *rows = figures.ablation()
+    assert (len(head), first[0], first[3:5]) == (6, "default", ("", ""))
+    _, *lines = map(json.loads, figures.ABLATION.read_text().splitlines())
+    runs = {(line["settings"], line["seed"]): line for line in lines}
+    assert len(rows) + 1 == len({settings for settings, _ in runs})
+    for settings, one, vote, *differences, _ in rows:
+        for cell, difference, kind in ((one, differences[0], "one"), (vote, differences[1], "five")):
+            values = [runs[settings, seed][kind] for seed in range(3)]
+            assert cell.startswith(f"{mean(values):.3f} ± ")
+            own = [100 * (value - runs["default", seed][kind]) for seed, value in enumerate(values)]
+            assert difference.startswith(f"{mean(own):+.1f} ± ")
+
+
+def test_tables_of_accuracy_are_made_from_reports():
+    for table, rows in json.loads(figures.ACCURACY.read_bytes()).items():
+        head, *cells = figures.accuracy(table)
+        assert [row[0] for row in cells] == list(rows)
+        for row, runs in zip(cells, rows.values(), strict=True):
+            assert len(row) == len(head)
+            assert row[3].startswith(f"{mean(run['window'][0] for run in runs):.3f}")
+            for run in runs:
+                value, low, high = run["window"]
+                assert low < value < high
+                assert run["tested_on"] == "test"
+
+
+def test_runs_are_added_with_their_command_and_without_their_folders(tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "ACCURACY", tmp_path / "accuracy.json")
+    (tmp_path / "run").mkdir()
+    command = ["recipes/train_objects.py", "--root", "a b", "--out", "runs/1", "--seed", "3", "--k", "8"]
+    run = {"command": command, "commit": "c" * 40, "machine": "m", "epoch": 2, "epoch_chosen_by": "validation accuracy"}
+    report = {"run": run, "data": {"hash": "h", "root": "x"}, "tested_on": "test", "recordings": 9, "windows": 1}
+    report["accuracy"] = {"window": [0.5, 0.3, 0.7], "vote": [0.5, 0.3, 0.7]}
+    (tmp_path / "run/report.json").write_text(json.dumps(report))
+    lines = [{"seconds": 30, "validation_accuracy": 0.25}, {"seconds": 60, "validation_accuracy": 0.75}]
+    (tmp_path / "run/log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    figures.add_runs("T", "row", [tmp_path / "run"])
+    (kept,) = json.loads(figures.ACCURACY.read_bytes())["T"]["row"]
+    assert kept["command"] == "recipes/train_objects.py --k 8"
+    assert kept["split_hashes"] == {"hash": "h"}
+    assert figures.accuracy("T")[1] == ("row", "3", "0.750", "0.500 (0.300 to 0.700)", "", "1.5", "cccccccc")
