@@ -71,11 +71,11 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
         row = [
             name,
             ", ".join(str(run["seed"]) for run in runs),
-            _spread([run["validation"] for run in runs]),
+            _spread([run["validation"] for run in runs if run["validation"] is not None]),
             _with_intervals([run["window"] for run in runs]),
             _with_intervals([run["vote"] for run in runs]) if runs[0]["windows"] > 1 else "",
             f"{mean(run['minutes'] for run in runs):.1f}",
-            runs[0]["commit"][:8],
+            ", ".join(dict.fromkeys(run["commit"][:8] for run in runs)),
         ]
         rows.append(tuple(row))
     return rows
@@ -87,7 +87,7 @@ def ablation() -> list[tuple[str, ...]]:
     Differences from the defaults are means over seeds of the differences between runs with the same seed; an asterisk
     marks those with p < 0.05 by a t test over the seeds.
     """
-    head = ("changed settings", "one window", "vote", "points from the defaults: one window", "vote", "minutes")
+    head = ("changed settings", "one window", "vote", "points from the defaults: one window", "points: vote", "minutes")
     _, *lines = map(json.loads, ABLATION.read_text().splitlines())
     runs: dict[str, dict[int, dict[str, Any]]] = {}
     for line in lines:
@@ -108,6 +108,8 @@ def _difference(points: list[float]) -> str:
 
 
 def _spread(values: Sequence[float]) -> str:
+    if not values:
+        return ""
     return f"{mean(values):.3f}" + (f" ± {stdev(values):.3f}" if len(values) > 1 else "")
 
 
@@ -118,18 +120,21 @@ def _with_intervals(accuracies: list[list[float]]) -> str:
 
 def add_runs(table: str, row: str, folders: list[Path]) -> None:
     """Add the figures of runs to `accuracy.json`, or replace those of the row."""
+    runs = [_run(folder) for folder in folders]
+    if len({run["command"] for run in runs}) != 1 or len({run["seed"] for run in runs}) < len(runs):
+        raise ValueError(f"{', '.join(map(str, folders))} must be runs of one command line with different seeds")
     known = json.loads(ACCURACY.read_bytes()) if ACCURACY.exists() else {}
-    known.setdefault(table, {})[row] = [_figures(folder) for folder in folders]
+    known.setdefault(table, {})[row] = runs
     ACCURACY.write_text(json.dumps(known, indent=1) + "\n")
 
 
-def _figures(folder: Path) -> dict[str, Any]:
+def _run(folder: Path) -> dict[str, Any]:
     report = json.loads((folder / "report.json").read_bytes())
     lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
     run = report["run"]
     return {
         "command": shlex.join(_without_folders(run["command"])),
-        "seed": int(run["command"][run["command"].index("--seed") + 1]) if "--seed" in run["command"] else 0,
+        "seed": report["data"]["seed"],
         "validation": lines[run["epoch"] - 1].get("validation_accuracy"),
         "window": report["accuracy"]["window"],
         "vote": report["accuracy"]["vote"],
@@ -146,12 +151,13 @@ def _figures(folder: Path) -> dict[str, Any]:
 
 
 def _without_folders(words: list[str]) -> list[str]:
-    """Return a command line without --out, --root and --seed."""
-    kept, skip = [], False
-    for word in words:
-        if not skip and word not in ("--out", "--root", "--seed"):
+    """Return a command line without --out, --root, --seed and the folder of the recipe."""
+    kept, skip = [Path(words[0]).name], False
+    for word in words[1:]:
+        option = word.split("=")[0] in ("--out", "--root", "--seed")
+        if not (skip or option):
             kept.append(word)
-        skip = word in ("--out", "--root", "--seed")
+        skip = option and "=" not in word
     return kept
 
 

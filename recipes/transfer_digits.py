@@ -128,7 +128,7 @@ def saccade_events(settings: Any, still: np.ndarray) -> Events:
 def with_event_count(
     settings: Any, images: np.ndarray, events: int, moved: Callable[[np.ndarray], Iterator[VideoFrame]]
 ) -> Any:
-    """Find the threshold at which images have a given mean number of events, within 1%.
+    """Find the threshold at which images have a given mean number of events, within 1% where one has it.
 
     Args:
         settings: Emulator whose threshold is replaced.
@@ -142,17 +142,18 @@ def with_event_count(
 
     wanted = events * len(images)
     low, value, high = 0.02, 0.2, 2.0
+    tried: dict[float, int] = {}  # number of events by threshold
     while high / low > 1.01:
         emulator = with_threshold(value)
-        found = sum(len(emulator.emulate(moved(still))) for still in images)
+        found = tried[value] = sum(len(emulator.emulate(moved(still))) for still in images)
         if abs(found - wanted) <= 0.01 * wanted:
             break
         low, high = (value, high) if found > wanted else (low, value)
-        # the number of events is nearly inverse to the threshold
+        # the number of events is nearly inverse to the threshold; every second step halves the range instead
         value *= found / wanted
-        if not low < value < high:
+        if len(tried) % 2 == 0 or not low < value < high:
             value = (low * high) ** 0.5
-    return with_threshold(value)
+    return with_threshold(min(tried, key=lambda threshold: abs(tried[threshold] - wanted)))
 
 
 def train(args: argparse.Namespace, data: TrainTestSplit, protocol: Objects, out: Path, here: Team) -> torch.nn.Module:

@@ -16,7 +16,7 @@ from torch.utils.data import Dataset
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
 from nvsdata.datasets.seeded import Epochs, seeded
-from nvsdata.datasets.splits import Parts, held_out, held_out_last, split_hash, stratified
+from nvsdata.datasets.splits import Halves, held_out, held_out_last, split_hash, stratified
 
 Transform = Callable[[Any], Any]
 PairTransform = Callable[[Any, Any], tuple[Any, Any]]
@@ -46,7 +46,7 @@ class Samples(Dataset[tuple[Any, Any]]):
     classes: list[str]
     transforms: PairTransform | None = None  # in place of `transform` and `target_transform`
     independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on the samples
-    in_scenes: ClassVar[bool] = False  # files with neighboring names often show the same scene
+    in_scenes: ClassVar[bool] = False  # neighboring files, in order of name, often show the same scene
 
     def _set(
         self,
@@ -107,11 +107,11 @@ class Samples(Dataset[tuple[Any, Any]]):
         return self._halves(lambda files: stratified(files, 1 - fraction, seed))
 
     def hold_out(self, fraction: float) -> tuple[Self, Self]:
-        """Hold out about a fraction of each class for validation, each file independently of all other files.
+        """Hold out about a fraction of each class for validation.
 
-        A hash of class and file name decides about each file, so adding or removing files doesn't move other files. All
-        windows and labeled parts of one class and one file are in the same dataset. If neighboring names of a dataset
-        often show the same scene (N-CARS), the last names of each class are held out instead.
+        A hash of class and file name decides about each file, so adding or removing files doesn't move other files. For
+        datasets whose neighboring files often show the same scene (N-CARS), the last files of each class in order of
+        name are held out instead. All windows and labeled parts of one class and one file are in the same dataset.
 
         Args:
             fraction: approximate fraction to hold out, between 0 and 1.
@@ -124,7 +124,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         """
         return self._halves(lambda files: (held_out_last if self.in_scenes else held_out)(files, fraction))
 
-    def _halves(self, split: Callable[[list[tuple[str, str]]], Parts]) -> tuple[Self, Self]:
+    def _halves(self, split: Callable[[list[tuple[str, str]]], Halves]) -> tuple[Self, Self]:
         """Split into two datasets by file; `split` is called with the (class, file) of all files.
 
         A file is given by its name without folder and extension.

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 from hashlib import blake2b
 
-Parts = tuple[list[int], list[int]]  # indices of recordings for training, and of those held out
+Halves = tuple[list[int], list[int]]  # indices of recordings for training, and of the others
 
 
-def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: int = 0) -> tuple[list[int], list[int]]:
+def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: int = 0) -> Halves:
     """Split recordings randomly into training and testing, with the same fraction of each class.
 
     The names of a class are ranked by a hash of seed, class and name. The first `test` times their number (rounded)
@@ -49,7 +49,7 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
     return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
 
 
-def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> Parts:
+def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> Halves:
     """Hold out a fraction of the recordings for validation, by a hash of class and name.
 
     The hash of a recording alone decides whether it is held out, so adding or removing others makes no difference to
@@ -72,17 +72,17 @@ def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> Parts:
         (911, 89)
     """
     _check_fraction(fraction)
-    parts: Parts = [], []
+    parts: Halves = [], []
     for index, (group, name) in enumerate(recordings):
         begun = blake2b(f"{group}\0".encode("utf-8", "surrogatepass"), digest_size=8)
         parts[int.from_bytes(_digest_with(begun, name), "big") < fraction * 2**64].append(index)
     return _with_all_classes(recordings, fraction, parts)
 
 
-def held_out_last(recordings: Sequence[tuple[str, str]], fraction: float) -> Parts:
+def held_out_last(recordings: Sequence[tuple[str, str]], fraction: float) -> Halves:
     """Hold out the last recordings of each class, in order of name, for validation.
 
-    Arguments, returned lists and errors are those of `held_out`.
+    Arguments, returned lists and errors are those of `held_out`, but the fraction is exact, up to rounding.
 
     Example:
         >>> from nvsdata.datasets.splits import held_out_last
@@ -90,13 +90,13 @@ def held_out_last(recordings: Sequence[tuple[str, str]], fraction: float) -> Par
         ([1, 2], [0])
     """
     _check_fraction(fraction)
-    parts: Parts = [], []
+    parts: Halves = [], []
     names: dict[str, list[str]] = {}
     for group, name in sorted(recordings):
         names.setdefault(group, []).append(name)
-    first = {group: some[len(some) - math.floor(len(some) * fraction + 0.5) :] for group, some in names.items()}
+    last = {group: {*some[len(some) - math.floor(len(some) * fraction + 0.5) :]} for group, some in names.items()}
     for index, (group, name) in enumerate(recordings):
-        parts[bool(first[group]) and name >= first[group][0]].append(index)
+        parts[name in last[group]].append(index)
     return _with_all_classes(recordings, fraction, parts)
 
 
@@ -105,7 +105,7 @@ def _check_fraction(fraction: float) -> None:
         raise ValueError(f"the fraction for validation must be between 0 and 1, not {fraction}")
 
 
-def _with_all_classes(recordings: Sequence[tuple[str, str]], fraction: float, parts: Parts) -> Parts:
+def _with_all_classes(recordings: Sequence[tuple[str, str]], fraction: float, parts: Halves) -> Halves:
     """Return the parts. ValueError if one of them has no recordings of a class."""
     for part, use in zip(parts, ("training", "validation"), strict=True):
         if missing := {group for group, _ in recordings} - {recordings[index][0] for index in part}:

@@ -80,7 +80,7 @@ class TrainTestSplit:
         fold: Number of the split (default None: the dataset's default).
         seed: Seed of a random split, stored in `data` (default 0).
         validate: Approximate fraction of the training recordings to hold out for validation (default 0: none). The
-            selection doesn't depend on a seed; see `datasets.splits.held_out`.
+            selection doesn't depend on a seed; see `hold_out` of the dataset.
         errors: Handling of damaged recordings, as for datasets (default "raise").
 
     Raises:

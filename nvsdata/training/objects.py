@@ -81,8 +81,8 @@ class Objects:
         causal: True for edges from earlier events only and a network that pools only at its end, so that it can stream
             in real time (`models.stream`). k is 1 then, and features must be empty, because they depend on later
             events (default False).
-        depth: Number of convolutions, for 240x180 (Table 4.4) or 34x34. None (default): 5 for n-mnist, otherwise that
-            of `models.rgcnn` for the dataset.
+        depth: Number of convolutions, for 240x180 (Table 4.4) or 34x34. None (default): 5 for n-mnist and for
+            pixels, otherwise that of `models.rgcnn` for the dataset.
         kernel_size: Number of cells of a kernel along an axis (default 5; Table 4.5).
         width: Factor by which the numbers of channels are multiplied (default 1.0).
         dropout: Probability of dropout before the last layer. None (default): 0.2 for n-mnist, otherwise 0.5 as in the

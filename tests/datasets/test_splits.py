@@ -75,20 +75,20 @@ def test_about_the_fraction_of_each_class_is_held_out():
             assert abs(count - 2000 * share) < 4 * (2000 * share * (1 - share)) ** 0.5
 
 
-@given(recordings, shares)
-def test_the_last_names_of_each_class_are_held_out(found, share):
-    found = list(dict.fromkeys(found))
-    with suppress(ValueError):
-        rest, held_back = held_out_last(found, share)
-        assert sorted(rest + held_back) == list(range(len(found)))
-        for group in {group for group, _ in found}:
-            names = sorted(name for kind, name in found if kind == group)
-            count = round_half_up(len(names) * share)
-            assert sorted(found[i][1] for i in held_back if found[i][0] == group) == names[len(names) - count :]
-
-
-def round_half_up(value):
-    return int(value + 0.5)
+@given(st.lists(texts, min_size=2, max_size=40, unique=True), st.integers(1, 5), shares, st.randoms())
+def test_the_last_names_of_each_class_are_held_out(names, dogs, share, random):
+    found = [("cat", name) for name in names] + [("dog", str(n)) for n in range(dogs)]
+    random.shuffle(found)
+    counts = [int(count * share + 0.5) for count in (len(names), dogs)]
+    if 0 in counts or counts == [len(names), counts[1]] or counts[1] == dogs:
+        with pytest.raises(ValueError, match=r"leaves no recordings of (cat|dog)"):
+            held_out_last(found, share)
+        return
+    rest, held_back = held_out_last(found, share)
+    assert sorted(rest + held_back) == list(range(len(found)))
+    expected = {("cat", name) for name in sorted(names)[-counts[0] :]}
+    expected |= {("dog", str(n)) for n in range(dogs - counts[1], dogs)}
+    assert {found[i] for i in held_back} == expected
 
 
 def test_the_highest_numbers_of_n_cars_are_held_out(tmp_path):

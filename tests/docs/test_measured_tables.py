@@ -4,6 +4,7 @@ import json
 from statistics import mean
 
 import figures
+import pytest
 
 from nvsdata.benchmarks.measurement import OURS, read_measurements
 
@@ -53,21 +54,33 @@ def test_tables_of_accuracy_are_made_from_reports():
             for run in runs:
                 value, low, high = run["window"]
                 assert low < value < high
-                assert run["tested_on"] == "test"
 
 
 def test_runs_are_added_with_their_command_and_without_their_folders(tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "ACCURACY", tmp_path / "accuracy.json")
     (tmp_path / "run").mkdir()
-    command = ["recipes/train_objects.py", "--root", "a b", "--out", "runs/1", "--seed", "3", "--k", "8"]
+    command = ["recipes/train_objects.py", "--root", "a b", "--out=runs/1", "--seed", "3", "--k", "8"]
     run = {"command": command, "commit": "c" * 40, "machine": "m", "epoch": 2, "epoch_chosen_by": "validation accuracy"}
-    report = {"run": run, "data": {"hash": "h", "root": "x"}, "tested_on": "test", "recordings": 9, "windows": 1}
+    report = {
+        "run": run,
+        "data": {"hash": "h", "root": "x", "seed": 3},
+        "tested_on": "test",
+        "recordings": 9,
+        "windows": 1,
+    }
     report["accuracy"] = {"window": [0.5, 0.3, 0.7], "vote": [0.5, 0.3, 0.7]}
     (tmp_path / "run/report.json").write_text(json.dumps(report))
     lines = [{"seconds": 30, "validation_accuracy": 0.25}, {"seconds": 60, "validation_accuracy": 0.75}]
     (tmp_path / "run/log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     figures.add_runs("T", "row", [tmp_path / "run"])
     (kept,) = json.loads(figures.ACCURACY.read_bytes())["T"]["row"]
-    assert kept["command"] == "recipes/train_objects.py --k 8"
+    assert kept["command"] == "train_objects.py --k 8"
     assert kept["split_hashes"] == {"hash": "h"}
     assert figures.accuracy("T")[1] == ("row", "3", "0.750", "0.500 (0.300 to 0.700)", "", "1.5", "cccccccc")
+    with pytest.raises(ValueError, match="one command line with different seeds"):
+        figures.add_runs("T", "row", [tmp_path / "run"] * 2)
+
+
+def test_a_difference_is_marked_if_the_seeds_agree_on_it():
+    assert figures._difference([1.0, 1.1, 1.2]) == "+1.1 ± 0.1 *"
+    assert figures._difference([-1.0, 1.0, 1.2]) == "+0.4 ± 1.2"

@@ -13,6 +13,7 @@ from places import RECIPES
 PLOTLESS = """
 import runpy, sys
 from nvsdata.training import accuracy_by_window, report
+assert hasattr(accuracy_by_window, "MOST_DRAWS") and hasattr(report, "_pictures") and hasattr(report, "_sheet")
 accuracy_by_window.MOST_DRAWS = 1
 report._pictures, report._sheet = lambda *_: {{}}, lambda *_: None
 sys.path.insert(0, {recipes!r})

@@ -174,7 +174,8 @@ class TimeBins:
         events and the graph.
 
     Raises:
-        ValueError: `bins` isn't a positive integer.
+        ValueError: `bins` isn't a positive integer, or more than 2^24.
+        MemoryError: Images of all pixels of the sensor for all parts would take too much memory.
 
     Example:
         >>> from nvsdata import Events, transforms as T
@@ -198,10 +199,11 @@ class TimeBins:
         """Return the feature float32 [N, 2 bins] of N nodes."""
         _check_given(events, nodes)
         frames = ToFrames(bins=self.bins)(events)
-        x, y = (nodes.pos + 0.5).floor().long().T
-        width, height = events.sensor_size
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        counts = frames[:, :, y.clamp(0, height - 1), x.clamp(0, width - 1)] * inside
+        position = (nodes.pos.double() + 0.5).floor()
+        inside = ((position >= 0) & (position < torch.tensor(events.sensor_size))).all(1)
+        # positions that aren't numbers are outside, too
+        x, y = torch.where(inside[:, None], position, 0).long().T
+        counts = frames[:, :, y, x] * inside
         return torch.log1p(counts.permute(2, 1, 0).reshape(-1, self.channels))
 
 
