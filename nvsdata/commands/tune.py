@@ -177,6 +177,11 @@ def _start(pair: TuningPair, base: BuiltInEmulator, space: Collection[str]) -> t
     except ValueError as error:
         return None, f"began with random settings, because the fit failed: {message_of(error)}"
     lines = [f"began with a fit: events follow the frames by {fitted.delay:,} µs (--offset corrects for it)"]
+    values = vars(fitted.settings) | {"delay": fitted.delay}
+    lines += [
+        f"  {name} {values[name]:.4g} (95% interval {low:.4g} to {high:.4g})"
+        for name, (low, high) in fitted.intervals.items()
+    ]
     lines += [f"  {name} can't be identified: {reason}" for name, reason in fitted.unidentified.items()]
     return replace(base, **{name: getattr(fitted.settings, name) for name in space}), "\n".join(lines)
 

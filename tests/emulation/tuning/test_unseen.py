@@ -1,6 +1,7 @@
 """What tuning keeps from the search, and where the search for a DVS begins."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -142,6 +143,12 @@ def test_tune_fits_a_sensor_and_reports_on_what_it_has_not_seen(stills, tmp_path
     assert main(words) == 0
     output = capsys.readouterr().out
     assert "began with a fit: events follow the frames by " in output
+    found = {
+        name: tuple(map(float, numbers))
+        for name, *numbers in re.findall(r"\n  (\w+) (\S+) \(95% interval (\S+) to (\S+)\)", output)
+    }
+    assert {"on", "off", "dark", "delay"} >= found.keys() >= {"on", "off"}
+    assert all(low <= value <= high for value, low, high in found.values())
     lines = [json.loads(line) for line in (tmp_path / "tuning/trials.jsonl").read_text().splitlines()]
     first = lines[1]["settings"]
     assert lines[0]["start"] == {"emulator": "DVS", **first}
