@@ -88,7 +88,10 @@ def same_recordings(folders: dict[str, Path], tables: dict[str, list[Rows]]) -> 
 
 
 def outcomes(rows: Rows, recordings: list[tuple[str, ...]], right: str, count: str) -> np.ndarray:
-    """Return True for each right prediction, [predictions per recording, N], in any order within a recording."""
+    """Return whether predictions are right, bool [predictions per recording, N].
+
+    The files state only how many predictions of a recording are right, so these are put first.
+    """
     rights, counts = (np.array([rows[recording][name] for recording in recordings]) for name in (right, count))
     if len(set(counts)) > 1:
         raise ValueError(f"recordings have different numbers of {count}: {counts.min()} to {counts.max()}")

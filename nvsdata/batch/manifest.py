@@ -85,11 +85,11 @@ class Manifest(Journal):
         )
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
-        """Return the videos, each with the recording that it had before; see the function `as_before`."""
+        """Return the videos with the recordings that the manifest names for them; see the function `as_before`."""
         return as_before(videos, list(self.videos.values()), self.path.parent)
 
     def add(self, line: dict[str, Any]) -> None:
-        """Add the line of a video."""
+        """Append the line of a video to the manifest."""
         super().add(line)
         self.videos[line["video"]] = line
 

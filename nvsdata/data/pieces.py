@@ -91,7 +91,7 @@ def cut_pieces(recording: Recording, start: int, stop: int, every: int = 1_000_0
 
 
 def about_from(about: Mapping[str, Any], time: int) -> dict[str, Any]:
-    """Shift the times in the metadata `Recording.about`, for a part that begins at `time` µs and counts from there."""
+    """Shift the times in the metadata `Recording.about`, for a part whose times are relative to `time` µs."""
     moved = dict(about)
     if "frame_times" in moved:
         moved["frame_times"] = moved["frame_times"] - time

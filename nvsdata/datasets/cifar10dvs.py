@@ -21,7 +21,10 @@ ZIPS = {
 
 
 def figshare(number: int) -> tuple[str, ...]:
-    """Return several addresses of a figshare file to try in order; the first, the usual one, may send an empty body."""
+    """Return the addresses of a figshare file, in the order in which they are tried.
+
+    The first one is the usual address, but its server may send an empty response.
+    """
     return (
         f"https://ndownloader.figshare.com/files/{number}",
         f"https://api.figshare.com/v2/file/download/{number}",

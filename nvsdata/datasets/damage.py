@@ -1,4 +1,4 @@
-"""Damaged recordings in a dataset: they are counted, and replaced by others."""
+"""Damaged recordings in a dataset: they are counted, and replaced with others."""
 
 from __future__ import annotations
 

@@ -125,9 +125,10 @@ class Samples(Dataset[tuple[Any, Any]]):
         return self._halves(lambda files: (held_out_last if self.in_scenes else held_out)(files, fraction))
 
     def _halves(self, split: Callable[[list[tuple[str, str]]], Halves]) -> tuple[Self, Self]:
-        """Split into two datasets by file; `split` is called with the (class, file) of all files.
+        """Split the dataset into two; samples of one file stay together.
 
-        A file is given by its name without folder and extension.
+        `split` takes the class and the name (without folder and extension) of each file, and returns the indices of
+        the files in each of the two datasets.
         """
         files: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):

@@ -45,7 +45,7 @@ def windows(dataset: Data, duration: int | None = None, *, events: int | None = 
         dataset: any dataset of recordings; the result has its targets, transforms and other settings.
         duration: length of a window in µs.
         events: number of events of a window, in place of `duration`.
-        step: distance between the beginnings of two windows, in µs or events (default: `duration` or `events`, so that
+        step: distance between the starts of two windows, in µs or events (default: `duration` or `events`, so that
             each event is in exactly one window).
 
     Raises:
@@ -108,7 +108,7 @@ def _in_events(sample: Sample, places: Places, count: int, step: int) -> Iterato
 
 
 class _Index:
-    """Beginnings of the windows in each recording, stored in a file that later calls of `windows` read."""
+    """Starts of the windows in each recording, stored in a file that later calls of `windows` read."""
 
     def __init__(self, dataset: EventDataset, step: int | None) -> None:
         self.dataset, self.step, self.changed = dataset, step, False
@@ -118,7 +118,7 @@ class _Index:
         self.known: dict[str, Any] = self._read()
 
     def places(self, sample: Sample) -> Places:
-        """Return the beginnings of the windows of a sample, and the end of the last window; see `Places`."""
+        """Return the starts of the windows of a sample, and the end of the last window; see `Places`."""
         key = sample.name + sample.part
         stamp = list(self.dataset.source.stamp(sample.name))
         entry = self.known.get(key)
@@ -157,7 +157,7 @@ class _Index:
         """Write the entries to the file, if possible."""
         if not self.changed or not self.path.parent.is_dir():
             return
-        # if the folder can't be written to, the beginnings are searched each time
+        # if the folder can't be written to, the starts are searched each time
         with suppress(OSError):
             save_facts(self.path, self.known)
 
@@ -175,7 +175,7 @@ def _is_place(entry: Any) -> bool:
 
 
 def _every(recording: Recording, step: int) -> Places:
-    """Return the beginnings (see `Places`) of windows that begin at every `step`-th event."""
+    """Return the starts of windows, one at every `step`-th event, and the end of the recording; see `Places`."""
     t = recording.read().t
     if not t.size:
         return [], 0

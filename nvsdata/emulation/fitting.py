@@ -145,7 +145,7 @@ def fit(
 
 
 class _AlignedPair:
-    """Frames, and the events from shortly before to shortly after them; times (µs) count from the first frame."""
+    """Frames, and the events from shortly before to shortly after them; times (µs) are relative to the first."""
 
     def __init__(self, frames: list[VideoFrame], events: Events | Recording, delay: int) -> None:
         if len(frames) < 3:

@@ -42,7 +42,7 @@ class FrameEmulator(ABC):
             size: (width, height) in pixels that frames are scaled to (default: unchanged).
 
         Returns:
-            The events. Their times (µs) count from the first frame, or are those of the video's clock or of `times`.
+            The events. Their times (µs) are relative to the first frame, or those of the video's clock or of `times`.
 
         Example:
             >>> import numpy as np, nvsdata

@@ -24,7 +24,7 @@ class EventEmulator(Protocol):
         times: Iterable[int] | None = None,
         size: tuple[int, int] | None = None,
     ) -> Events:
-        """Return all events of a video; times count from its first frame, or are in its own clock."""
+        """Return all events of a video; times are relative to its first frame, or in its own clock."""
 
     def stream(
         self,

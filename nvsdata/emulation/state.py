@@ -126,7 +126,7 @@ class EmulatorState(ABC):
 
     @abstractmethod
     def _spikes(self, frame: VideoFrame, last: VideoFrame) -> np.ndarray:
-        """Return the keys of the spikes since the last frame, in `_keys[0]`."""
+        """Return the keys of the spikes between the frames `last` and `frame`; they are stored in `_keys[0]`."""
 
 
 def frame_bytes(frame: VideoFrame) -> np.ndarray:

@@ -147,7 +147,10 @@ class _Profile:
         return np.asarray(logs[right - 1] + share * (logs[right] - logs[right - 1]))
 
     def beyond(self) -> float | None:
-        """Return a further `dark` to try; None if those tried enclose the interval, or a limit is reached."""
+        """Return the next value of `dark` to try, outside the range of those tried.
+
+        None if this range contains the confidence interval of `dark`, or if a limit is reached.
+        """
         least, most = min(self.tried), max(self.tried)
         low, high = interval(self.places())
         if high >= math.log(most) and most < BRIGHTEST:

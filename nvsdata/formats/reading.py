@@ -61,7 +61,7 @@ def read(
     """Read the events of a file with start <= t < stop.
 
     The clock of most cameras doesn't begin at 0. So `read(path, 0, 30_000)` returns no events for most files, with a
-    warning; `relative=True` counts from the first event.
+    warning; with `relative=True`, times are relative to the first event.
 
     Args:
         path: The file. Its format is recognized by its content, otherwise by its extension.
@@ -69,8 +69,8 @@ def read(
         stop: End of the window in µs, in the file's clock; None (default) is without bound.
         sensor_size: (width, height) in pixels, in place of the size that the file states (default: that size,
             otherwise the smallest that contains the events).
-        relative: Whether `start` and `stop` count from the recording's first event (default False). The times of the
-            events are those of the file in both cases.
+        relative: Whether `start` and `stop` are relative to the recording's first event (default False). The times of
+            the events are those of the file in both cases.
         strict: Whether damage raises a FormatError (default True). Otherwise damaged parts are left out.
 
     Returns:

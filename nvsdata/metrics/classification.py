@@ -151,7 +151,7 @@ def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike, level: floa
         voters: Log-probabilities [rounds, windows, N, classes]; in each round, `windows` windows are cut from each of N
             recordings.
         targets: True classes [N].
-        level: Fraction of such intervals that contain the true accuracy (default 0.95).
+        level: Confidence level, the fraction of intervals that contain the true accuracy (default 0.95).
 
     Returns:
         An `Accuracy` for each number of windows.

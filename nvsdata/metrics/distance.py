@@ -219,8 +219,8 @@ def compare(
     """Return all distances between two sequences (thesis, section 3.3), in both directions, and event counts.
 
     Both sequences are cut into frames, up to the end of the longer one. In each frame, polarity is summed at each
-    pixel; a sum other than 0 is a spike. Times of each sequence count from its `start`, which is the time of its first
-    event unless the sequence was cut or emulated, or its file states another start.
+    pixel; a sum other than 0 is a spike. Times of each sequence are relative to its `start`, which is the time of its
+    first event unless the sequence was cut or emulated, or its file states another start.
 
     Args:
         emulated: Emulated events.

@@ -59,7 +59,7 @@ def accuracy(right: npt.ArrayLike, level: float = 0.95) -> Accuracy:
 
     Args:
         right: 1 (True) for each correct prediction, [N] or [..., N] for several predictions of each of N recordings.
-        level: Fraction of such intervals that contain the true accuracy (default 0.95).
+        level: Confidence level, the fraction of intervals that contain the true accuracy (default 0.95).
 
     Returns:
         An `Accuracy`.
@@ -81,7 +81,7 @@ def wilson_interval(values: np.ndarray, independent: int, level: float) -> Accur
     Args:
         values: Fraction of each recording's predictions that are correct, [N].
         independent: Largest number of predictions of a recording that can be independent.
-        level: Fraction of such intervals that contain the true accuracy.
+        level: Confidence level, the fraction of intervals that contain the true accuracy.
     """
     z = _quantile(level)
     mean = values.mean()
@@ -104,7 +104,7 @@ def paired_test(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95
     Args:
         first: 1 (True) for each correct prediction, [N] or [..., N] for several predictions of each of N recordings.
         second: The same for the other classifier, with the same shape.
-        level: Fraction of such intervals that contain the true difference (default 0.95).
+        level: Confidence level, the fraction of intervals that contain the true difference (default 0.95).
 
     Returns:
         A `PairedTest`.

@@ -213,7 +213,10 @@ def _watched(units: dict[str, nn.Module], counting: Counting, formulas: dict[str
 
 
 def _out_of_sight(module: nn.Module, inputs: Any, output: Any) -> bool:
-    """Return True if a module without submodules returned a new tensor although torch executed no operation."""
+    """Return True if a module has no submodules, and returned a tensor that isn't one of its inputs or a view of one.
+
+    If torch executed no operation meanwhile, the module computed this tensor outside torch.
+    """
     if next(module.children(), None) is not None or not isinstance(output, torch.Tensor) or output.is_meta:
         return False
     given = {x.untyped_storage().data_ptr() for x in inputs if isinstance(x, torch.Tensor)}

@@ -45,8 +45,8 @@ class StreamDecoder(Protocol):
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
         """Yield the contents of blocks of the stream, and the times (µs, int64) of pulses at the external input.
 
-        Times count from the last reset of the camera's clock. Data before this reset are left out, and so are data from
-        time `last` (µs) on, unless `last` is None.
+        Times are relative to the last reset of the camera's clock. Data before this reset are left out, and so are data
+        from time `last` (µs) on, unless `last` is None.
         """
 
 

@@ -103,7 +103,7 @@ def record(
 ) -> RecordingReport:
     """Record to a file, in the format of its extension, until `seconds` are over or `stop` is set.
 
-    Times count from the reset of the camera's clock at the start. The recording also ends when the camera is
+    Times are relative to the reset of the camera's clock at the start. The recording also ends when the camera is
     unplugged or sends nothing for 5 s, and when the disk has less than 64 MB left. The file then has all events up to
     that moment, and `RecordingReport.ended` is the reason. The file appears only when it is complete.
 

@@ -38,13 +38,13 @@ class Content:
     """Measured quality of a recording.
 
     Args:
-        emulated: Events that PIX2NVS emulates for the video in the same view.
+        emulated: Number of events that PIX2NVS emulates for the video, as it appears on the sensor.
         scale: Recorded events per emulated event, median over time; None for a quiet video.
         gap: Longest time in ms without events while the video moves.
         hidden: Fraction of the video's motion that is in parts of the sensor without events.
         stray: Fraction of the recorded events that the video's motion doesn't explain.
         noise: Event rate in Hz per pixel while the first frame is still.
-        cover: Fraction of the sensor that sees the screen.
+        cover: Fraction of the sensor that the screen covers.
         seen: Mean fraction of the flashes that a pixel of the screen recorded.
         corners: Corners of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels, or None.
     """

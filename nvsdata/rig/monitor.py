@@ -140,7 +140,7 @@ class Monitor:
         return self._shown(lambda: self._draw(picture, place), due)
 
     def fade(self, level: int, frame: VideoFrame, duration: int, *, back: bool = False) -> None:
-        """Fade the entire screen from a gray level to an image on black in `duration` µs, or `back` to the gray level.
+        """Fade the entire screen in `duration` µs from a gray level to an image on black; with `back`, in reverse.
 
         Raises:
             ValueError: "integer" scaling can't fit the image into the region.

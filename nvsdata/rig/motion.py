@@ -58,7 +58,7 @@ def emulated(
 
 
 def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int]) -> Iterator[VideoFrame]:
-    """Yield the video's frames as the sensor sees them on the screen."""
+    """Yield the video's frames as they appear on the sensor."""
     wide, high = monitor.size
     screen = np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32)
     view = cv2.getPerspectiveTransform(screen, corners)

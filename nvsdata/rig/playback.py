@@ -131,7 +131,7 @@ def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = l
 
 
 def _begin(frames: Iterator[VideoFrame], done: PlaybackLog) -> list[VideoFrame]:
-    """Return the first frames; fewer for a video that is short or truncated."""
+    """Return the first `LOOKED_AT` frames, or fewer if the video is short or truncated."""
     return list(_to_the_end(islice(frames, LOOKED_AT), done))
 
 

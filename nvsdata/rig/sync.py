@@ -90,7 +90,7 @@ def _check_due(triggers: np.ndarray, line: ClockFit, rising: np.ndarray) -> None
 
 
 def around_flashes(take: ScreenRecording) -> Events:
-    """Return the events around the flashes, before and after the video."""
+    """Return the events at the times of the flashes, which come before and after the video."""
     recording = formats.open(take.raw)
     flashes, start = np.array(take.performance.flashes), take.performance.start
     windows: list[tuple[int, int]] = []

@@ -218,7 +218,9 @@ class Objects:
         return [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
-        """Return the network in its configuration for the dataset, or for the smallest sensor that contains this one.
+        """Return the network, configured for the dataset or, if there is no such configuration, for the sensor size.
+
+        For the sensor size, the configuration of the smallest sensor that is at least as large is used.
 
         ValueError for an unknown depth, and for a sensor larger than those of all configurations.
         """

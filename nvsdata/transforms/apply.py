@@ -80,7 +80,7 @@ def check_sample(sample: Any, *, graphs: bool = False, images: bool = False) -> 
 
 
 def decoded(sample: Any) -> tuple[Any, list[Events]]:
-    """Decode the recordings of a sample; return the sample, alone or a list as before, and its parts as a list."""
+    """Decode the recordings of a sample; return the sample (a list if it was one), and its parts as a list."""
     parts = map_sample(sample, lambda events: events)
     return parts, parts if isinstance(parts, list) else [parts]
 

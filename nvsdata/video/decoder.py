@@ -39,7 +39,7 @@ class TruncatedVideo(FormatError):
 
 
 def decode_video(path: Path, color: bool) -> Iterator[VideoFrame]:
-    """Yield the frames of a video file; times count from the first frame.
+    """Yield the frames of a video file; times are relative to the first frame.
 
     Args:
         path: A video file.

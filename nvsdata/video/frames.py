@@ -37,8 +37,8 @@ def frames_of(
 ) -> Iterator[VideoFrame]:
     """Yield the frames of a video.
 
-    Times of video files, cameras and arrays count from the first frame. Recordings, folders of images and `VideoFrame`s
-    keep their own times.
+    Times of video files, cameras and arrays are relative to the first frame. Recordings, folders of images and
+    `VideoFrame`s keep their own times.
 
     Args:
         video: A video file, a folder of images with a list of their times, a camera's number, a recording that has

@@ -21,7 +21,7 @@ class VideoView:
     """Part of a video, and how its frames are fitted to a size.
 
     Args:
-        start: Seconds from the first frame; times then count from there.
+        start: Start of the part in seconds from the first frame; times are then relative to it.
         stop: Seconds from the first frame at which the part ends.
         crop: (x, y, width, height) in pixels of the frames (default: all of each).
         fit: Way to fit frames of another aspect ratio: "pad" shows the entire frame and fills the rest with black,

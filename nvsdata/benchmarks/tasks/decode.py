@@ -108,7 +108,7 @@ def _read(options: Options, suffix: str, count: int, reader: Callable[[Path], Ca
 
 
 def _copy(options: Options, suffix: str, count: int) -> PreparedCase:
-    """Copy the bytes of the file, a lower bound for readers."""
+    """Return a case that copies the bytes of a file; its time is a lower bound for all readers."""
     return PreparedCase(np.fromfile(written(options, suffix, count)[0], np.uint8).copy)
 
 

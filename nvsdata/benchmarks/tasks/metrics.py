@@ -100,7 +100,7 @@ def _ours_nearest(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
 
 
 def _tree(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
-    """Return a function that queries a k-d tree, which was built before."""
+    """Return a function that queries a k-d tree; building the tree isn't measured."""
     from scipy.spatial import cKDTree
 
     scale = np.array([1, 1, 3**0.5])
@@ -136,7 +136,7 @@ def _assigned(ax: np.ndarray, ay: np.ndarray, am: np.ndarray, bx: np.ndarray, by
 
 
 def _moved_copy(events: Events) -> Events:
-    """Shift events one pixel to the left, and replace one in ten by random events."""
+    """Shift events one pixel to the left, and replace one in ten with a random event."""
     random = np.random.default_rng(0)
     kept = random.random(len(events)) < 0.9
     noise = random_events(int((~kept).sum()), events.sensor_size, duration=events.duration, seed=1)

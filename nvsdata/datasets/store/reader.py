@@ -258,7 +258,7 @@ class Store:
         return self._time[number] or (None, None)
 
     def sensor_size(self, number: int) -> tuple[int, int]:
-        """Return (width, height) in pixels of a recording when it was packed."""
+        """Return the sensor size (width, height) in pixels that a recording had when it was packed."""
         width, height = self._sizes[number].tolist()
         return width, height
 
@@ -310,7 +310,7 @@ class StoredRecording(Recording):
 
     @property
     def path(self) -> str:  # type: ignore[override]
-        """Path of the store, a colon, and the recording's name."""
+        """Path of the recording: the path of the store, a colon, and the recording's name."""
         return f"{self._store.path}:{self._store.names[self._number]}"
 
     @property

@@ -31,7 +31,7 @@ class TuningPair:
         video: The video, as `PIX2NVS.stream` takes it.
         fps: Frames per second, in place of the video's own times.
         seconds: Length in s of the part that is compared, from the start (default: all).
-        offset: Time in µs that is added to the recording's times, which count from its start.
+        offset: Time in µs that is added to the recording's times, which are relative to its start.
         one_way: Measure distances from emulated spikes to real ones only, as in the thesis (default: in both
             directions, and the differences of the numbers of events). One-way distances favor emulators with too few
             events, because missing events cost nothing.
@@ -123,7 +123,7 @@ class TuningPair:
         return fit(self.frames, Events.trusted(columns._replace(t=t), self.real.sensor_size, 0, max(end, 1)), base=base)
 
     def _from_the_first(self, frame: VideoFrame) -> VideoFrame:
-        """Return the frame with a time that counts from the first one."""
+        """Return the frame with its time relative to the first one."""
         self._first = frame.time if self._first is None else self._first
         return frame._replace(time=frame.time - self._first)
 

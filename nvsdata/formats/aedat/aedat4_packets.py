@@ -67,7 +67,7 @@ def packets_of(data: memoryview, first: int, end: int) -> Packets:
 
 
 def inflater(path: str, compression: int) -> Callable[[memoryview, int], bytes]:
-    """Return a function of a packet and a number of bytes that decompresses the packet.
+    """Return a function that decompresses a packet; its arguments are the packet and the largest number of bytes.
 
     The function raises OverflowError if the packet expands to more bytes. `inflater` raises ImportError if the package
     for the compression is missing, and ValueError for an unknown compression.

@@ -200,7 +200,7 @@ def write_words(
 ) -> None:
     """Write an EVT file of `version`.
 
-    `encode(t, x, y, p, state)` returns the words of a piece, and updates its state of `state` integers, -1 at first.
+    `encode(t, x, y, p, state)` returns the words of a piece, and updates its state of `state` integers, initially -1.
 
     ValueError for coordinates above 2047, and for times before 0 or at or beyond 2^bits µs, because the file contains
     every wrap of the time since 0.

@@ -36,7 +36,11 @@ def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
 
 
 class _Disk(io.RawIOBase):
-    """A file that the HDF5 library writes and reads at any offset. Each call succeeds, with all bytes."""
+    """A file that the HDF5 library writes and reads at any offset.
+
+    For the library, each call succeeds and transfers all bytes. After an error, writes are kept in memory, and `check`
+    raises the error.
+    """
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)

@@ -30,7 +30,7 @@ def next_frame(
         t: Times of the records in µs, int64 [N].
         at: Index of the first record to process.
         before: Readings before the exposure, uint16 [height, width]. This array and the next three keep their contents
-            between calls, and are zero at first.
+            between calls, and must be zero before the first call.
         light: Pixels of the frame, uint16 [height, width].
         state: Number of readings of each pixel, uint8 [height, width].
         facts: Numbers that describe the frame, int64 [FRAME_FACTS].

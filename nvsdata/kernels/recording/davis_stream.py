@@ -60,7 +60,7 @@ def decode(
         words: Words of the stream, uint16 [N].
         start: Index of the first word.
         state: State of the decoder, int64 [STATES]. It keeps its contents between calls, like `error_counts` and
-            `pixels`, and is zero at first.
+            `pixels`, and must be zero before the first call.
         error_counts: Numbers of faults, int64 [ERRORS].
         setting: int64 [9]: columns and rows of events; width, height, swap, flip x and flip y of frames; factor of
             their samples; and 1 if times never decrease. In this case a decrease means that a wrap was lost, and

@@ -13,8 +13,8 @@ LARGEST = 32_768  # pixels along an axis; a box of this side covers any sensor
 def not_refractory(t: np.ndarray, x: np.ndarray, y: np.ndarray, period: int, last: np.ndarray) -> np.ndarray:
     """Return the mask of the events at least `period` µs after the last kept event of their pixel. O(N).
 
-    `period` is at most 2^62. `last` int64 [H, W] has the time of the last kept event of each pixel, at first `NEVER`.
-    It is updated.
+    `period` is at most 2^62. `last` int64 [H, W] has the time of the last kept event of each pixel, or `NEVER` if there
+    is none yet. It is updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.not_refractory(t, x, y, period, last, keep)
@@ -33,8 +33,8 @@ def first_of_boxes(
 ) -> np.ndarray:
     """Return the mask of the first `most` events of each box of `side` x `side` pixels and `duration` µs. O(N).
 
-    `box` int64 [rows, columns] has the number of the latest box in time at each position, at first `NEVER`. `count` has
-    the number of its kept events. Both are updated.
+    Boxes at the same position are numbered by time. `box` int64 [rows, columns] has the number of the latest box at
+    each position, or `NEVER` if there is none yet. `count` has the number of kept events of this box. Both are updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.first_of_boxes(t, x, y, min(side, LARGEST), duration, most, box, count, keep)
@@ -48,7 +48,7 @@ def within_rate(
 
     The rate is one event per `interval` µs. After a pause, up to `burst` events may follow each other faster. Cells
     have `side` x `side` pixels. `due` int64 [rows, columns] has the time at which the kept events of each cell would
-    end if they came at exactly this rate, at first `NEVER`. It is updated.
+    end if they came at exactly this rate, or `NEVER` if there are none yet. It is updated.
     """
     keep = np.empty(t.size, np.bool_)
     _native.within_rate(t, x, y, min(side, LARGEST), interval, burst, due, keep)

@@ -10,7 +10,7 @@ from nvsdata.kernels import _native
 def merged_pixels(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Merge the events of each pixel to one node, in order of their mean times.
+    """Merge the events of each pixel into one node; sort the nodes by the mean times of their events.
 
     Returns x and y of the nodes, float32 [M, 2]; their mean times, rounded down, int64 [M]; their first and last times,
     int64 [M, 2]; and their numbers of events of polarity 1 and of polarity 0, float32 [M, 2]. O(N + M log M).

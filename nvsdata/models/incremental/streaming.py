@@ -119,7 +119,7 @@ class _IncrementalInference(ABC):
 
     @property
     def _until(self) -> int:
-        """Time before which events have left the window, in µs since the first event."""
+        """Start of the window in µs since the first event; earlier events have left the window."""
         return -FOREVER if self.window is None or self._last is None else self._last - self._origin - self.window + 1
 
     @abstractmethod

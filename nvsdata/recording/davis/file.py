@@ -2,8 +2,8 @@
 
 The first line is `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.DavisDecoder`), `last` (µs at which the
 recording ends, or null) and `about` (as `Recording.about`). The camera's words follow, 16 bits each, little-endian.
-Times count from the first reset of the camera's clock in the file; without a reset, they are those of the clock. If the
-process is killed, the file may end with half a word, which is ignored.
+Times are relative to the first reset of the camera's clock in the file; without a reset, they are those of the clock.
+If the process is killed, the file may end with half a word, which is ignored.
 """
 
 from __future__ import annotations

@@ -185,8 +185,8 @@ class DavisDecoder:
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
         """Yield the contents of blocks of words, and the times (µs, int64) of pulses and rising edges at the input.
 
-        Times count from the first reset of the camera's clock. Data before this reset are left out, and so are data
-        from time `last` (µs) on. The split of the stream into blocks doesn't change the joined result.
+        Times are relative to the first reset of the camera's clock. Data before this reset are left out, and so are
+        data from time `last` (µs) on. The split of the stream into blocks doesn't change the joined result.
 
         Raises:
             ValueError: The decoder isn't `steady`, so events may be out of order.

@@ -1,4 +1,4 @@
-"""Options of a simulated camera in front of a monitor, mainly faults."""
+"""Options of a simulated camera and monitor; most of them are faults."""
 
 from __future__ import annotations
 
