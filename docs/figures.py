@@ -20,6 +20,7 @@ from scipy.stats import ttest_1samp
 from nvsdata.benchmarks.curves import by_benchmark, exponent, is_scaling
 from nvsdata.benchmarks.measurement import OURS, Measurement, read_measurements
 from nvsdata.benchmarks.table import duration, number
+from nvsdata.common.files import put
 
 BENCHMARKS = Path(__file__).parent / "figures" / "benchmarks.json"
 ACCURACY = BENCHMARKS.with_name("accuracy.json")
@@ -125,7 +126,7 @@ def add_runs(table: str, row: str, folders: list[Path]) -> None:
         raise ValueError(f"{', '.join(map(str, folders))} must be runs of one command line with different seeds")
     known = json.loads(ACCURACY.read_bytes()) if ACCURACY.exists() else {}
     known.setdefault(table, {})[row] = runs
-    ACCURACY.write_text(json.dumps(known, indent=1) + "\n")
+    put(ACCURACY, f"{json.dumps(known, indent=1)}\n".encode())
 
 
 def _run(folder: Path) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def number(value: float | None) -> str:
     """
     if value is None or math.isnan(value):
         return ""
-    return f"{value:,.0f}" if 999.5 <= abs(value) < 1e9 else f"{value + 0.0:.3g}"
+    return f"{value:,.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:z.3g}"
 
 
 def duration(seconds: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from hashlib import blake2b
 
 Halves = tuple[list[int], list[int]]  # indices of recordings for training, and of the others
@@ -36,17 +36,13 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
     """
     if not 0 < test < 1:
         raise ValueError(f"test must be between 0 and 1, not {test}")
-    classes: dict[str, list[int]] = {}
-    for index, (group, _) in enumerate(recordings):
-        classes.setdefault(group, []).append(index)
-    held = bytearray(len(recordings))
-    for group, members in classes.items():
+
+    def ranked(group: str, members: list[int]) -> list[int]:
         begun = blake2b(f"{seed}\0{group}\0".encode("utf-8", "surrogatepass"), digest_size=8)
-        digests = [_digest_with(begun, recordings[index][1]) for index in members]
-        ranked = sorted(range(len(members)), key=digests.__getitem__)
-        for place in ranked[: math.floor(len(members) * test + 0.5)]:
-            held[members[place]] = True
-    return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
+        digests = {index: _digest_with(begun, recordings[index][1]) for index in members}
+        return sorted(members, key=digests.__getitem__)
+
+    return _first_of_each_class(recordings, test, ranked)
 
 
 def held_out(recordings: Sequence[tuple[str, str]], fraction: float) -> Halves:
@@ -90,14 +86,25 @@ def held_out_last(recordings: Sequence[tuple[str, str]], fraction: float) -> Hal
         ([1, 2], [0])
     """
     _check_fraction(fraction)
-    parts: Halves = [], []
-    names: dict[str, list[str]] = {}
-    for group, name in sorted(recordings):
-        names.setdefault(group, []).append(name)
-    last = {group: {*some[len(some) - math.floor(len(some) * fraction + 0.5) :]} for group, some in names.items()}
-    for index, (group, name) in enumerate(recordings):
-        parts[name in last[group]].append(index)
-    return _with_all_classes(recordings, fraction, parts)
+
+    def ranked(_: str, members: list[int]) -> list[int]:
+        return sorted(members, key=lambda index: recordings[index][1], reverse=True)
+
+    return _with_all_classes(recordings, fraction, _first_of_each_class(recordings, fraction, ranked))
+
+
+def _first_of_each_class(
+    recordings: Sequence[tuple[str, str]], fraction: float, ranked: Callable[[str, list[int]], list[int]]
+) -> Halves:
+    """Hold out the first indices of each class, as `ranked` orders the class: `fraction` of them, rounded."""
+    classes: dict[str, list[int]] = {}
+    for index, (group, _) in enumerate(recordings):
+        classes.setdefault(group, []).append(index)
+    held = bytearray(len(recordings))
+    for group, members in classes.items():
+        for index in ranked(group, members)[: math.floor(len(members) * fraction + 0.5)]:
+            held[index] = True
+    return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
 
 
 def _check_fraction(fraction: float) -> None:
