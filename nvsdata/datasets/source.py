@@ -99,8 +99,10 @@ def _visible(names: Iterable[str]) -> list[str]:
 def _is_listed(folder: str, names: list[str]) -> bool:
     """Return whether an entry of an index is valid: its folder is below the root, and its files are in the folder."""
     parts = [] if folder == "." else folder.split("/")
-    # the names . and .. lead to other folders
-    return all(part.strip(".") and not {"/", os.sep, "\0"} & set(part) for part in (*parts, *names))
+    # searches of one text, because there may be 100,000 names; hidden ones are in no index, . and .. lead elsewhere
+    text = "/".join(("", *parts, *names, ""))
+    separators = text.count("/") + (text.count(os.sep) if os.sep != "/" else 0)
+    return separators == len(parts) + len(names) + 1 and not any(part in text for part in ("//", "/.", "\0"))
 
 
 class Folder:
