@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,8 +39,10 @@ class PlaybackLog:
         stop: End of the video.
         due: Time at which each frame of the video was due.
         shown: Time at which each of them was shown.
+        frames: Number of frames of the video.
+        late: Number of frames that were shown more than a refresh after they were due.
         skipped: Number of frames that weren't shown, because the next one was already due.
-        missed: Time in µs for which skipped frames should have been shown.
+        wrong: Time in ms for which the screen showed an outdated frame, not counting delays up to a refresh or 20 ms.
         truncated: Reason for an early end of the video, None for a complete one.
         dropped: Number of events that the camera dropped during the video, None if the camera doesn't count them.
     """
@@ -53,44 +54,26 @@ class PlaybackLog:
     stop: float = 0.0
     due: list[float] = field(default_factory=list)
     shown: list[float] = field(default_factory=list)
+    frames: int = 0
+    late: int = 0
     skipped: int = 0
-    missed: float = 0.0
+    wrong: float = 0.0
     truncated: str | None = None
     dropped: int | None = None
 
-    @property
-    def late(self) -> int:
-        """Number of frames that were shown more than a refresh after they were due."""
-        return int((np.array(self.shown) - np.array(self.due) > self.refresh).sum())
+    def add(self, due: float, shown: float) -> None:
+        """Add a frame that was shown."""
+        self.due.append(due)
+        self.shown.append(shown)
+        self.frames += 1
+        self.late += shown - due > self.refresh
+        self.wrong += max(shown - due - max(self.refresh, LATE), 0) / 1e3
 
-    @property
-    def wrong(self) -> float:
-        """Time in ms for which the screen showed an outdated frame, not counting delays up to a refresh or 20 ms."""
-        late = np.array(self.shown) - np.array(self.due) - max(self.refresh, LATE)
-        return float(np.maximum(late, 0).sum() + self.missed) / 1e3
-
-    @property
-    def frames(self) -> int:
-        """Number of frames of the video."""
-        return len(self.due) + self.skipped
-
-    def log(self) -> dict[str, Any]:
-        """Return the log for JSON, with times in whole µs from the start of the video."""
-
-        def after(times: list[float]) -> list[int]:
-            return [round(time - self.start) for time in times]
-
-        return {
-            "refresh": round(self.refresh, 1),
-            "late": self.late,
-            "skipped": self.skipped,
-            "wrong": round(self.wrong, 1),
-            "flashes": after(self.flashes),
-            "due": after(self.due),
-            "shown": after(self.shown),
-            "stop": round(self.stop - self.start),
-            "bright": [int(bright) for bright in self.bright],
-        }
+    def skip(self, duration: float) -> None:
+        """Count a frame that should have been shown for `duration` µs."""
+        self.frames += 1
+        self.skipped += 1
+        self.wrong += duration / 1e3
 
 
 def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = lambda: None) -> PlaybackLog:
@@ -146,8 +129,7 @@ def _check_rate(frames: list[VideoFrame], refresh: float) -> None:
 
 def _play(monitor: Monitor, done: PlaybackLog, first: VideoFrame, others: Iterator[VideoFrame]) -> VideoFrame:
     """Show the frames after the first one, except those whose successor is already due; return the last frame."""
-    done.due.append(done.start)
-    done.shown.append(done.start)
+    done.add(done.start, done.start)
     waiting: VideoFrame | None = None
     last, gap = first.time, USUAL_GAP
     for frame in _to_the_end(others, done):
@@ -169,13 +151,11 @@ def _to_the_end(frames: Iterator[VideoFrame], done: PlaybackLog) -> Iterator[Vid
 
 
 def _in_turn(monitor: Monitor, done: PlaybackLog, frame: VideoFrame, next_due: float) -> None:
-    if host_time() > next_due - monitor.refresh / 2:
-        done.skipped += 1
-        done.missed += next_due - done.start - frame.time
-        return
     due = done.start + frame.time
-    done.shown.append(monitor.show(frame, due))
-    done.due.append(due)
+    if host_time() > next_due - monitor.refresh / 2:
+        done.skip(next_due - due)
+    else:
+        done.add(due, monitor.show(frame, due))
 
 
 def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:

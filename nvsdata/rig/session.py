@@ -78,9 +78,9 @@ def run_batch(
     check_format(videos[0].target, chosen.settings)
     backend, show = _watched(chosen)
     with Monitor(**screen, window=WINDOW if chosen.simulate else None, on_change=show) as monitor:
+        _warn_about_refresh(monitor, chosen)
         rig = Rig(lambda: chosen.find(backend), monitor, chosen.settings)
         with manifest_of(out, videos, rig, options) as manifest:
-            _warn_about_refresh(monitor, chosen)
             try:
                 result = record_videos(videos, manifest, rig, options)
             except BatchStopped as error:

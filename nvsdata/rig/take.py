@@ -86,7 +86,7 @@ class VideoRecorder:
             raise
         self.show("trimming and checking")
         with append_own(self.out / PLAYED) as file:
-            write_all(file.fileno(), json_line({"video": video.name, **take.performance.log()}).encode())
+            write_all(file.fileno(), json_line({"video": video.name, **_log(take.performance)}).encode())
         try:
             line = trim(take, video, self.inspector)
         except (ValueError, cv2.error, MemoryError) as error:
@@ -119,6 +119,25 @@ class VideoRecorder:
         finally:
             target.unlink(missing_ok=True)
         return True
+
+
+def _log(done: PlaybackLog) -> dict[str, Any]:
+    """Return the log of a playback for JSON, with times in whole µs from the start of the video."""
+
+    def after(times: list[float]) -> list[int]:
+        return [round(time - done.start) for time in times]
+
+    return {
+        "refresh": round(done.refresh, 1),
+        "late": done.late,
+        "skipped": done.skipped,
+        "wrong": round(done.wrong, 1),
+        "flashes": after(done.flashes),
+        "due": after(done.due),
+        "shown": after(done.shown),
+        "stop": round(done.stop - done.start),
+        "bright": [int(bright) for bright in done.bright],
+    }
 
 
 def record_screen(camera: Camera, rig: Rig, video: Path, raw: Path, *, live: bool = False) -> ScreenRecording:

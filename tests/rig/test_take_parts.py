@@ -15,7 +15,7 @@ from nvsdata.rig import take
 from nvsdata.rig.clock_fit import ClockFit
 from nvsdata.rig.playback import PlaybackLog, _in_turn
 from nvsdata.rig.sync import ScreenRecording, Sync
-from nvsdata.rig.take import TakeRejected, Tally, _check, _check_stream, _tally, trim
+from nvsdata.rig.take import TakeRejected, Tally, _check, _check_stream, _log, _tally, trim
 
 
 def events_at(t, p=None):
@@ -31,8 +31,8 @@ def events_at(t, p=None):
         ({"late": 100, "by": 20_000}, None),
         ({"late": 5, "by": 30_000}, None),
         ({"late": 5, "by": 30_010}, r"showed a wrong frame for 50 ms \(5 of 100 frames were late or left out\)"),
-        ({"skipped": 1, "missed": 50_000.0}, None),
-        ({"late": 2, "by": 25_000, "skipped": 1, "missed": 41_000.0}, r"51 ms \(3 of 101 frames"),
+        ({"skipped": 50_000.0}, None),
+        ({"late": 2, "by": 25_000, "skipped": 41_000.0}, r"51 ms \(3 of 101 frames"),
         ({"residual": 1_000.0}, None),
         ({"residual": 1_001.0}, "the median distance of the flashes from the fit is 1001 µs"),
         ({"late_resets": 1}, "the camera's clock was reset during the recording"),
@@ -48,14 +48,15 @@ def events_at(t, p=None):
     ],
 )
 def test_how_much_may_be_amiss(changed, message):
-    given = {"late": 0, "by": 0, "skipped": 0, "missed": 0.0, "residual": 5.0, "events": 5_000, "full": 0.0} | changed
+    given = {"late": 0, "by": 0, "skipped": None, "residual": 5.0, "events": 5_000, "full": 0.0} | changed
     report = RecordingReport(None, lost=given.get("lost", 0), dropped=given.get("dropped", 0))
     faults = ("lost_wraps", "late_resets", "usb_errors")
     report.error_counts = {"odd_bytes": 3} | {name: given.get(name, 0) for name in faults}
-    due = np.arange(100) * 40_000.0
-    shown = due + np.where(np.arange(100) < given["late"], given["by"], 16_667)
-    lists = {"due": due.tolist(), "shown": shown.tolist(), "dropped": given.get("within")}
-    done = PlaybackLog(16_667.0, skipped=given["skipped"], missed=given["missed"], **lists)
+    done = PlaybackLog(16_667.0, dropped=given.get("within"))
+    for n in range(100):
+        done.add(n * 40_000.0, n * 40_000.0 + (given["by"] if n < given["late"] else 16_667))
+    if given["skipped"] is not None:
+        done.skip(given["skipped"])
     line = ClockFit(0.0, 0.0, given["residual"], 30, 32)
     with nullcontext() if message is None else pytest.raises(TakeRejected, match=message):
         _check_stream(report, done)
@@ -84,7 +85,7 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
     t = [2_499, 2_500, 3_000, 31_000, 31_001]
     nvsdata.write(events_at(t, np.array([1, 1, 0, 1, 1])), tmp_path / "raw.h5")
     report = RecordingReport(None, dropped=7, error_counts={"a": 2, "b": 0}, temperature=20.5)
-    done = PlaybackLog(16_667.0, start=1_000.0, stop=20_000.0, due=[1.0, 2.0], shown=[1.0, 2.0], dropped=0)
+    done = PlaybackLog(16_667.0, start=1_000.0, stop=20_000.0, frames=2, dropped=0)
     one, video = ScreenRecording(tmp_path / "raw.h5", report, done), tmp_path / "a.avi"
 
     def judged(span, given, events):
@@ -124,15 +125,17 @@ def test_a_picture_is_skipped_if_the_next_is_due(monkeypatch, now, skipped):
     monitor = SimpleNamespace(refresh=16_667.0, show=lambda frame, due: shown.append(due) or due + 5)
     done = PlaybackLog(16_667.0, start=20_000.0)
     _in_turn(monitor, done, SimpleNamespace(time=40_000), 100_000.0)
-    assert (done.skipped, done.missed) == ((1, 40_000.0) if skipped else (0, 0.0))
+    assert (done.frames, done.skipped, done.wrong) == ((1, 1, 40.0) if skipped else (1, 0, 0.0))
     assert (shown, done.due, done.shown) == (([], [], []) if skipped else ([60_000.0], [60_000.0], [60_005.0]))
 
 
 def test_what_was_played_in_whole_microseconds():
-    done = PlaybackLog(
-        16_666.67, [900.4, 1_200.0], [True, False], 1_000.0, 2_000.6, [1_000.0, 1_500.0], [1_001.0, 20_000.0], 3
-    )
-    assert done.log() == {
+    done = PlaybackLog(16_666.67, [900.4, 1_200.0], [True, False], 1_000.0, 2_000.6)
+    done.add(1_000.0, 1_001.0)
+    done.add(1_500.0, 20_000.0)
+    for _ in range(3):
+        done.skip(0.0)
+    assert _log(done) == {
         "refresh": 16_666.7,
         "late": 1,
         "skipped": 3,

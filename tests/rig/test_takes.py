@@ -19,6 +19,7 @@ from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.rig import batch, status, take, verification, watch
 from nvsdata.rig.batch import BatchOptions
 from nvsdata.rig.cameras import Rig
+from nvsdata.rig.playback import PlaybackLog
 from nvsdata.rig.take import TakeRejected, VideoRecorder
 
 DURATION = 10_000  # µs of each video
@@ -45,7 +46,7 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
 
     def taken(camera, rig, video, raw, *, live):
         raw.write_bytes(b"")
-        return SimpleNamespace(performance=SimpleNamespace(truncated=None, log=dict))
+        return SimpleNamespace(performance=PlaybackLog(16_667.0))
 
     def cut(take, video, inspector):
         target = video.target
