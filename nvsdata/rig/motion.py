@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from nvsdata.data.events import Events
+from nvsdata.data.grid import grid_shape
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.rig.monitor import Monitor
@@ -22,7 +23,7 @@ PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8, 
 
 def histogram(events: Events, start: int, bins: int, width: int) -> np.ndarray:
     """Count events by cell of pixels and by bin of `width` µs from `start` on, [bins, cells]."""
-    columns, rows = (-(-side // CELL) for side in events.sensor_size)
+    columns, rows = grid_shape(events.sensor_size, (CELL, CELL))
     cell = (events.y // CELL).astype(np.intp) * columns + events.x // CELL
     key = ((events.t - start) // width) * (columns * rows) + cell
     return np.bincount(key, minlength=bins * columns * rows).reshape(bins, columns * rows).astype(np.float64)
@@ -43,7 +44,7 @@ def emulated(
         bins: Number of bins of time.
         drift: Relative drift of the camera's clock against the host's (default 0).
     """
-    columns, rows = (-(-side // CELL) for side in size)
+    columns, rows = grid_shape(size, (CELL, CELL))
     counts = np.zeros((bins, columns * rows))
     run: PIX2NVSState | None = None
     for frame in _seen(video, monitor, corners, size):
