@@ -10,17 +10,15 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from statistics import mean, stdev
+from statistics import mean
 from typing import Any
-
-from scipy.stats import ttest_1samp
 
 from nvsdata.benchmarks.curves import by_benchmark, exponent, is_scaling
 from nvsdata.benchmarks.measurement import OURS, Measurement, read_measurements
 from nvsdata.benchmarks.table import duration, number
 from nvsdata.common.files import put
+from nvsdata.metrics.seeds import by_settings, points_apart, spread
 
 BENCHMARKS = Path(__file__).parent / "figures" / "benchmarks.json"
 ACCURACY = BENCHMARKS.with_name("accuracy.json")
@@ -72,7 +70,7 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
         row = [
             name,
             ", ".join(str(run["seed"]) for run in runs),
-            _spread([run["validation"] for run in runs if run["validation"] is not None]),
+            spread([run["validation"] for run in runs if run["validation"] is not None]),
             _with_intervals([run["window"] for run in runs]),
             _with_intervals([run["vote"] for run in runs]) if runs[0]["windows"] > 1 else "",
             f"{mean(run['minutes'] for run in runs):.1f}",
@@ -85,38 +83,23 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
 def ablation() -> list[tuple[str, ...]]:
     """Return a row for each setting of the ablation study, after a head.
 
-    Differences from the defaults are means over seeds of the differences between runs with the same seed; an asterisk
-    marks those with p < 0.05 by a t test over the seeds.
+    Differences from the defaults are those of `points_apart`.
     """
     head = ("changed settings", "one window", "vote", "points from the defaults: one window", "points: vote", "minutes")
     _, *lines = map(json.loads, ABLATION.read_text().splitlines())
-    runs: dict[str, dict[int, dict[str, Any]]] = {}
-    for line in lines:
-        runs.setdefault(line["settings"], {})[line["seed"]] = line
+    runs = by_settings(lines, ("one", "five", "minutes"))
     rows = []
-    for settings, by_seed in runs.items():
-        row = [settings, *(_spread([run[kind] for run in by_seed.values()]) for kind in ("one", "five"))]
-        for kind in ("one", "five"):
-            points = [100 * (run[kind] - runs[DEFAULT][seed][kind]) for seed, run in by_seed.items()]
-            row.append("" if settings == DEFAULT else _difference(points))
-        rows.append((*row, f"{mean(run['minutes'] for run in by_seed.values()):.1f}"))
+    for settings, found in runs.items():
+        means = [spread(found[kind].values()) for kind in ("one", "five")]
+        apart = [points_apart(found[kind], runs[DEFAULT][kind]) for kind in ("one", "five")]
+        apart = ["", ""] if settings == DEFAULT else apart
+        rows.append((settings, *means, *apart, f"{mean(found['minutes'].values()):.1f}"))
     return [head, *sorted(rows, key=lambda row: (row[0] != DEFAULT, row[0]))]
-
-
-def _difference(points: list[float]) -> str:
-    mark = " *" if ttest_1samp(points, 0).pvalue < 0.05 else ""
-    return f"{mean(points):+.1f} ± {stdev(points):.1f}{mark}"
-
-
-def _spread(values: Sequence[float]) -> str:
-    if not values:
-        return ""
-    return f"{mean(values):.3f}" + (f" ± {stdev(values):.3f}" if len(values) > 1 else "")
 
 
 def _with_intervals(accuracies: list[list[float]]) -> str:
     values, lows, highs = zip(*accuracies, strict=True)
-    return f"{_spread(values)} ({min(lows):.3f} to {max(highs):.3f})"
+    return f"{spread(values)} ({min(lows):.3f} to {max(highs):.3f})"
 
 
 def add_runs(table: str, row: str, folders: list[Path]) -> None:

@@ -8,6 +8,10 @@ the training recordings is for validation, the same for all; test recordings are
 of JSON per run: single-window accuracy, accuracy of 5-window voting, ms per window from file to class and minutes of
 training, both on one core. An interrupted study continues with the runs that are missing. Each group becomes a table
 and a chart; OUT/front-window_ms.png and OUT/front-minutes.png show the Pareto fronts of accuracy and cost.
+
+A table has means and standard deviations (±) over the seeds. Points are the difference from the defaults in units of
+0.01, the mean over pairs of runs with the same seed, with its 95% interval (Student's). An asterisk marks intervals
+without 0.
 """
 
 from __future__ import annotations
@@ -37,6 +41,7 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
 from nvsdata.common.text import aligned
 from nvsdata.data.batching import collate
+from nvsdata.metrics.seeds import by_settings, points_apart, spread
 from nvsdata.training import Team, TrainTestSplit, loader, run, votes
 from nvsdata.training.objects import BATCH, Objects
 from nvsdata.transforms.events.sampling import LITERAL_BETA
@@ -201,23 +206,21 @@ def window_ms(model: torch.nn.Module, test_set: Any) -> float:
 
 def report(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
     """Print a table and draw a chart of each group, and draw the Pareto fronts of all runs."""
-    runs: dict[str, dict[str, float]] = {}
-    for settings in dict.fromkeys(line["settings"] for line in lines):
-        there = [line for line in lines if line["settings"] == settings]
-        runs[settings] = {name: mean(line[name] for line in there) for name in RESULTS} | {"seeds": len(there)}
+    runs = by_settings(lines, RESULTS)
+    default = runs.get(label_of({}), {"one": {}, "five": {}})
     for group in groups:
         found = {label: runs[label_of(c)] for label, c in GROUPS[group].items() if label_of(c) in runs}
-        rows = [
-            [label, *(f"{values[name]:.3f}" for name in RESULTS), str(values["seeds"])]
-            for label, values in found.items()
-        ]
-        print(f"\n{aligned([[group, *RESULTS.values(), 'seeds'], *rows])}")
+        rows = [[group, *RESULTS.values(), "points: single", "points: 5 votes", "seeds"]]
+        for label, own in found.items():
+            apart = ["" if own is default else points_apart(own[kind], default[kind]) for kind in ("one", "five")]
+            rows.append([label, *(spread(own[name].values()) for name in RESULTS), *apart, str(len(own["one"]))])
+        print(f"\n{aligned(rows)}")
         if len(found) > 1:
-            values = [run["five"] for run in found.values()]
+            values = [mean(own["five"].values()) for own in found.values()]
             chart = plots.points_chart(values, list(found), f"{group}: accuracy of 5-window voting", "")
             plots.save_png(chart, out / f"{group.replace(' ', '-')}.png")
     for cost, xlabel in (("window_ms", "ms per window"), ("minutes", "minutes of training on one core")):
-        points = [(run[cost], run["one"]) for run in runs.values()]
+        points = [(mean(own[cost].values()), mean(own["one"].values())) for own in runs.values()]
         chart = plots.tradeoff(points, list(runs), "accuracy and its cost", xlabel, "single-window accuracy")
         plots.save_png(chart, out / f"front-{cost}.png")
 

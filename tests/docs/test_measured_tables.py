@@ -41,7 +41,7 @@ def test_the_ablation_study_compares_runs_of_one_seed():
             values = [runs[settings, seed][kind] for seed in range(3)]
             assert cell.startswith(f"{mean(values):.3f} ± ")
             own = [100 * (value - runs["default", seed][kind]) for seed, value in enumerate(values)]
-            assert difference.startswith(f"{mean(own):+.1f} ± ")
+            assert difference.startswith(f"{mean(own):+.1f} (")
 
 
 def test_tables_of_accuracy_are_made_from_reports():
@@ -79,8 +79,3 @@ def test_runs_are_added_with_their_command_and_without_their_folders(tmp_path, m
     assert figures.accuracy("T")[1] == ("row", "3", "0.750", "0.500 (0.300 to 0.700)", "", "1.5", "cccccccc")
     with pytest.raises(ValueError, match="one command line with different seeds"):
         figures.add_runs("T", "row", [tmp_path / "run"] * 2)
-
-
-def test_a_difference_is_marked_if_the_seeds_agree_on_it():
-    assert figures._difference([1.0, 1.1, 1.2]) == "+1.1 ± 0.1 *"
-    assert figures._difference([-1.0, 1.0, 1.2]) == "+0.4 ± 1.2"

@@ -1,4 +1,5 @@
 import json
+import re
 
 import pytest
 
@@ -37,5 +38,13 @@ def test_an_ablation_goes_on_where_it_was_and_draws_its_groups(run, many, tmp_pa
     again = run("ablation.py", *flags)
     assert "2 runs are done, 0 are left" in again
     assert "beta = 5e-6" in again
+    # two more seeds
+    ones = {"default": (0.5, 0.6, 0.7), "beta 5e-06": (0.49, 0.58, 0.67)}
+    more = [line | {"seed": seed, "one": ones[line["settings"]][seed]} for line in lines for seed in range(3)]
+    (tmp_path / "runs.jsonl").write_text("".join(json.dumps(line) + "\n" for line in (head, *more)))
+    default, beta = (re.split("  +", row.strip()) for row in run("ablation.py", *flags).splitlines()[-2:])
+    assert (len(default), *default[:2], default[-1]) == (6, "beta = (5e-6)^2", "0.600 ± 0.100", "3")
+    # differences of 1, 2 and 3 points
+    assert (len(beta), beta[1], beta[5], beta[-1]) == (8, "0.580 ± 0.090", "-2.0 (-4.5 to +0.5)", "3")
     with pytest.raises(SystemExit, match="has runs with other epochs"):
         run("ablation.py", *flags[:-1], 2)
