@@ -7,16 +7,18 @@ adds a row to the table "N-CARS" of `accuracy.json`: the figures of runs of a re
 
 from __future__ import annotations
 
+import argparse
 import json
 import shlex
-import sys
 from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from nvsdata import training
 from nvsdata.benchmarks.curves import by_benchmark, exponent, is_scaling
 from nvsdata.benchmarks.measurement import OURS, Measurement, read_measurements
 from nvsdata.benchmarks.table import duration, number
+from nvsdata.common.errors import FormatError
 from nvsdata.common.files import put
 from nvsdata.metrics.seeds import by_settings, points_apart, spread
 
@@ -113,25 +115,28 @@ def add_runs(table: str, row: str, folders: list[Path]) -> None:
 
 
 def _run(folder: Path) -> dict[str, Any]:
-    report = json.loads((folder / "report.json").read_bytes())
-    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
-    run = report["run"]
-    return {
-        "command": shlex.join(_without_folders(run["command"])),
-        "seed": report["data"]["seed"],
-        "validation": lines[run["epoch"] - 1].get("validation_accuracy"),
-        "window": report["accuracy"]["window"],
-        "vote": report["accuracy"]["vote"],
-        "tested_on": report["tested_on"],
-        "recordings": report["recordings"],
-        "windows": report["windows"],
-        "epoch": run["epoch"],
-        "epoch_chosen_by": run["epoch_chosen_by"],
-        "minutes": round(sum(line["seconds"] for line in lines) / 60, 2),
-        "commit": run["commit"],
-        "machine": run["machine"],
-        "split_hashes": {name: value for name, value in report["data"].items() if "hash" in name},
-    }
+    try:
+        report = json.loads((folder / "report.json").read_bytes())
+        lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+        run = report["run"]
+        return {
+            "command": shlex.join(_without_folders(run["command"])),
+            "seed": report["data"]["seed"],
+            "validation": lines[run["epoch"] - 1].get("validation_accuracy"),
+            "window": report["accuracy"]["window"],
+            "vote": report["accuracy"]["vote"],
+            "tested_on": report["tested_on"],
+            "recordings": report["recordings"],
+            "windows": report["windows"],
+            "epoch": run["epoch"],
+            "epoch_chosen_by": run["epoch_chosen_by"],
+            "minutes": round(sum(line["seconds"] for line in lines) / 60, 2),
+            "commit": run["commit"],
+            "machine": run["machine"],
+            "split_hashes": {name: value for name, value in report["data"].items() if "hash" in name},
+        }
+    except (ValueError, LookupError, TypeError) as error:
+        raise FormatError(folder, f"isn't the folder of a run: {error!r}") from None
 
 
 def _without_folders(words: list[str]) -> list[str]:
@@ -145,5 +150,14 @@ def _without_folders(words: list[str]) -> list[str]:
     return kept
 
 
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("table", help="name of the table")
+    parser.add_argument("row", help="name of the row, which is added or replaced")
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a run")
+    args = parser.parse_args()
+    add_runs(args.table, args.row, args.folders)
+
+
 if __name__ == "__main__":
-    add_runs(sys.argv[1], sys.argv[2], [Path(folder) for folder in sys.argv[3:]])
+    training.run(main)

@@ -1,6 +1,9 @@
 """Tables that the site makes from measurements."""
 
 import json
+import re
+import runpy
+import sys
 from statistics import mean
 
 import figures
@@ -79,3 +82,15 @@ def test_runs_are_added_with_their_command_and_without_their_folders(tmp_path, m
     assert figures.accuracy("T")[1] == ("row", "3", "0.750", "0.500 (0.300 to 0.700)", "", "1.5", "cccccccc")
     with pytest.raises(ValueError, match="one command line with different seeds"):
         figures.add_runs("T", "row", [tmp_path / "run"] * 2)
+
+
+@pytest.mark.parametrize(
+    ("report", "reason"), [(None, "/report.json: No such file"), ("{}", ": isn't the folder of a run: KeyError")]
+)
+def test_a_folder_without_a_run_ends_with_one_line(tmp_path, monkeypatch, report, reason):
+    if report is not None:
+        (tmp_path / "report.json").write_text(report)
+        (tmp_path / "log.jsonl").touch()
+    monkeypatch.setattr(sys, "argv", ["docs/figures.py", "T", "row", str(tmp_path)])
+    with pytest.raises(SystemExit, match=rf"^figures\.py: {re.escape(str(tmp_path))}{reason}.*$"):
+        runpy.run_path(figures.__file__, run_name="__main__")
