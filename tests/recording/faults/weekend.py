@@ -39,7 +39,7 @@ from nvsdata.recording.simulated.scenes import PIXELS, Watched
 from nvsdata.recording.simulated.usb_backend import Backend
 from nvsdata.rig import cameras, playback, take, watch
 from nvsdata.rig.monitor import Monitor
-from nvsdata.rig.sync import synced
+from nvsdata.rig.sync import ScreenRecording, synced
 
 REFRESH = 1e6 / 59.94  # µs; the display says 60 Hz
 DRIFT = 150.0  # ppm, at most
@@ -240,7 +240,7 @@ def flip_of(flip):
     return flipped
 
 
-def told_of(one: take.Take, line: dict, events: Events, camera: Camera) -> dict:
+def told_of(one: ScreenRecording, line: dict, events: Events, camera: Camera) -> dict:
     """A recording beside what the camera knows: µs of its start, ppm of its clock, and whether each event is there."""
     fit, done = synced(one).line, one.performance
     span = round(fit.camera(done.start)), round(fit.camera(done.stop))
