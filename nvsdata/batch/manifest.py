@@ -85,7 +85,7 @@ class Manifest(Journal):
         )
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
-        """Return the videos with the recordings that the manifest names for them; see the function `as_before`."""
+        """Return the videos; if the manifest has a line for a video, `target` is the recording named there."""
         return as_before(videos, list(self.videos.values()), self.path.parent)
 
     def add(self, line: dict[str, Any]) -> None:
@@ -130,10 +130,10 @@ def files_of(lines: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
 
 
 def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
-    """Return the videos, with the recordings that the manifest's `lines` name for them in the folder `out`.
+    """Return the videos; if one of the manifest's `lines` is about a video, `target` is the recording named there.
 
-    A video without such a line keeps its recording. Without the lines, a video that was added since, such as a.mp4 next
-    to a.avi, would change the names of other videos' recordings.
+    Such a recording is in the folder `out`. A video without a line keeps its `target`. Without the lines, a video that
+    was added since, such as a.mp4 next to a.avi, would change the names of other videos' recordings.
 
     Raises:
         ValueError: Two videos would have the same recording.

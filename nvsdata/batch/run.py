@@ -126,11 +126,11 @@ class FolderRun:
         return str(line["file"])
 
     def within(self, fraction: float) -> None:
-        """Show the fraction (0 to 1) of the present video that is done."""
+        """Show the fraction (0 to 1) of the current video that is done."""
         self.bar.update(round(self._count + min(fraction, 0.99), 2) - self.bar.n)
 
     def doing(self, what: str) -> None:
-        """Show the present activity and the time."""
+        """Show the current activity and the time."""
         self.bar.set_postfix_str(what, refresh=False)
         self.bar.refresh()
 

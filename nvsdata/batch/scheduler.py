@@ -42,7 +42,7 @@ def as_done(
     Raises:
         ImportError: Dask isn't installed (`nvsdata[distributed]`).
         OSError: A process was killed, the scheduler doesn't answer or is lost, there is no worker for five minutes, or
-            an item ended one worker after the other.
+            several workers were killed while they processed the same item.
     """
     if scheduler is not None:
         yield from _by_cluster(work, items, scheduler)

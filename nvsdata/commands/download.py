@@ -1,4 +1,4 @@
-"""The `nvsdata download` command: downloads and unpacks a dataset."""
+"""The `nvsdata download` command: download and unpacking of a dataset."""
 
 from __future__ import annotations
 

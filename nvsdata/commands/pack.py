@@ -1,4 +1,4 @@
-"""The `nvsdata pack` command: packs all recordings of a dataset into one file."""
+"""The `nvsdata pack` command: all recordings of a dataset in one file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `nvsdata verify` command: reports damaged and missing recordings."""
+"""The `nvsdata verify` command: a report of damaged and missing recordings."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ UNKNOWN = 1 << 46  # bytes, more than a process can address
 
 
 def zeros(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike = np.float32, fill: Any = 0) -> Any:
-    """Return an array filled with one value; MemoryError as in `check_memory`.
+    """Return an array filled with one value; MemoryError if it takes more memory than is free.
 
     Args:
         size: (width, height) of the sensor in pixels, for the error message.
@@ -34,7 +34,7 @@ def zeros(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike = np
 
 
 def allocated(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike, make: Callable[[], Any]) -> Any:
-    """Return the array of this shape that `make()` allocates; MemoryError as in `check_memory`."""
+    """Return the array of this shape that `make()` allocates; MemoryError if it takes more memory than is free."""
     check_memory(size, shape, dtype)
     try:
         return make()

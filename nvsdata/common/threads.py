@@ -12,7 +12,7 @@ def during_block(work: Callable[[Event], None], name: str, patience: float | Non
     """Run `work` in a thread while the block runs.
 
     Args:
-        work: Function that takes an event, which is set when the block ends, and returns soon after that.
+        work: Function of a `threading.Event`, which is set when the block ends; `work` must return soon after that.
         name: Name of the thread.
         patience: Longest time in s to wait for `work` to return (default: unlimited).
     """

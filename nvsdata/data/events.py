@@ -198,8 +198,8 @@ class Events:
         """Return the events with start <= t < stop, without a copy.
 
         Args:
-            start: µs, absolute; None (default) is without bound.
-            stop: µs, absolute; None (default) is without bound.
+            start: µs, absolute; None (default) for no bound.
+            stop: µs, absolute; None (default) for no bound.
 
         Raises:
             ValueError: If stop < start.
@@ -296,7 +296,7 @@ def sort_by_time(columns: Columns) -> Columns:
 def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int | None) -> tuple[int | None, int | None]:
     """Return first and last moment (µs) of the window [start, stop) of a recording from `begin` to `end`.
 
-    None for `start` or `stop` is without bound; all other None mean unknown.
+    `start` or `stop` is None for no bound. Any other None, also in the result, means unknown.
     """
     if end is None:
         # without `end`, `begin` isn't certain either, so it doesn't limit `start`

@@ -1,4 +1,4 @@
-"""Graphs of PyTorch Geometric: checks a `Data` or `Batch` and returns the fields of a `Graph`.
+"""Graphs of PyTorch Geometric: check of a `Data` or `Batch`, and its conversion to the fields of a `Graph`.
 
 This module doesn't import torch_geometric, because a program that has a `Data` has imported it already.
 """

@@ -1,4 +1,4 @@
-"""Registers data classes of tensors as pytrees of torch, for `torch.export`, `torch.func` and `tree_map`."""
+"""Registration of data classes of tensors as pytrees of torch, for `torch.export`, `torch.func` and `tree_map`."""
 
 from __future__ import annotations
 

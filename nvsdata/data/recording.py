@@ -61,8 +61,8 @@ class Recording(ABC):
         """Return the events with start <= t < stop, sorted by time; no events for a window outside the recording.
 
         Args:
-            start: µs in the file's clock; None (default) is without bound.
-            stop: µs in the file's clock; None (default) is without bound.
+            start: µs in the file's clock; None (default) for no bound.
+            stop: µs in the file's clock; None (default) for no bound.
 
         Raises:
             FormatError: If the decoded part is damaged.

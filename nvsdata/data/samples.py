@@ -70,7 +70,7 @@ class Inertial(NamedTuple):
         return Inertial(*(column[which] for column in self))
 
     def window(self, start: int | None, stop: int | None) -> Inertial:
-        """Return the samples with start <= t < stop (µs); None is without bound."""
+        """Return the samples with start <= t < stop (µs); None for no bound."""
         return self.take(_during(self.t, start, stop))
 
     def shifted(self, time: int) -> Inertial:
@@ -98,7 +98,7 @@ class Triggers(NamedTuple):
         return cls(*map(np.concatenate, zip(none, *parts, strict=True)))
 
     def window(self, start: int | None, stop: int | None) -> Triggers:
-        """Return the triggers with start <= t < stop (µs); None is without bound."""
+        """Return the triggers with start <= t < stop (µs); None for no bound."""
         which = _during(self.t, start, stop)
         return Triggers(*(column[which] for column in self))
 
@@ -146,12 +146,12 @@ def is_empty(events: Events) -> bool:
 
 
 def within(frames: Iterable[Frame], start: int | None, stop: int | None) -> Iterator[Frame]:
-    """Yield the frames whose exposure begins at start <= t < stop (µs); None is without bound."""
+    """Yield the frames whose exposure begins at start <= t < stop (µs); None for no bound."""
     return (frame for frame in frames if _least(start) <= frame.exposure_start < _most(stop))
 
 
 def _during(t: np.ndarray, start: int | None, stop: int | None) -> np.ndarray:
-    """Return the mask of the times with start <= t < stop (µs); None is without bound."""
+    """Return the mask of the times with start <= t < stop (µs); None for no bound."""
     mask: np.ndarray = (t >= _least(start)) & (t < _most(stop))
     return mask
 

@@ -123,7 +123,7 @@ class EventFolder(EventDataset):
 
     @cached_property
     def _homes(self) -> list[str]:
-        """Prefixes of the paths of the split's class folders."""
+        """Folders that contain the split's class folders: paths below the root with a final slash, "" for the root."""
         if self.split_name != "all":
             if self.split_name not in self._parts:
                 raise FileNotFoundError(

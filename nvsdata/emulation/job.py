@@ -84,8 +84,8 @@ def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[s
 def _pieces(job: Job, line: dict[str, Any], progress: Callable[[float], None] | None) -> Iterator[Events]:
     """Yield the video's events, then an empty piece with the times of the frames and the settings of the emulator.
 
-    The numbers of frames and events are written to `line`. A truncated video ends without an error, but is marked
-    there.
+    The numbers of frames and events are written to `line`, the video's line of the manifest. A truncated video doesn't
+    raise an error; its line gets the status "truncated".
     """
     line |= {"frames": 0, "events": 0}
     promised = length_of(job.video.path)[0] if progress else 0

@@ -37,7 +37,7 @@ class PIX2NVS(PIX2NVSSettings, FrameEmulator):
             k T_map. "random", "linear" and "fixed" are those of eq. 3.7. In whole µs, random times are in
             [F_n-1, F_n), and the last of the linear times is F_n, where F_n is the time of frame n.
         new: Update the reference of all pixels after each frame (True), or only of those that fired (False).
-        exp: The reference is a moving average of the frames (True; eq. 3.10), or the last frame (False; eq. 3.9).
+        exp: The reference is a moving average of the frames (True; eq. 3.10), or the previous frame (False; eq. 3.9).
         alpha: (α) Weight of the newest frame in the moving average, above 0 and up to 1.
         noise_rate: Rate of background activity in Hz per pixel; half of these events are ON.
         mismatch: Standard deviation of the pixels' thresholds, relative to `threshold`.

@@ -69,7 +69,7 @@ def _keep_freed_memory() -> None:
 
 
 class EmulatorState(ABC):
-    """State of an emulation. It keeps the last frame without copying it, so the caller must not change that frame.
+    """State of an emulation. It keeps the latest frame without copying it, so the caller must not change that frame.
 
     Args:
         settings: The emulator, with the settings of its imperfections.
@@ -95,7 +95,7 @@ class EmulatorState(ABC):
         return FrameSpikes(self._keys[0][:0], now, now, self.timestamps, self.sensor_size)
 
     def step(self, frame: VideoFrame) -> FrameSpikes:
-        """Return the spikes between the last frame and this one; read them before `KEPT` more steps overwrite them.
+        """Return the spikes between the previous frame and this one; read them before `KEPT` more steps overwrite them.
 
         Raises:
             ValueError: Size or type of the frame differ from the first one's, or times don't rise.

@@ -1,4 +1,4 @@
-"""Reads the bytes of a file, which is opened for each read and not mapped into memory.
+"""Reading of the bytes of a file, which is opened for each read and not mapped into memory.
 
 If another process truncates a mapped file, this process is killed. A mapping also keeps a descriptor open as long as an
 array refers to it. Reading takes no longer than mapping.

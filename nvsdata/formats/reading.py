@@ -65,8 +65,8 @@ def read(
 
     Args:
         path: The file. Its format is recognized by its content, otherwise by its extension.
-        start: Start of the window in µs, in the file's clock; None (default) is without bound.
-        stop: End of the window in µs, in the file's clock; None (default) is without bound.
+        start: Start of the window in µs, in the file's clock; None (default) for no bound.
+        stop: End of the window in µs, in the file's clock; None (default) for no bound.
         sensor_size: (width, height) in pixels, in place of the size that the file states (default: that size,
             otherwise the smallest that contains the events).
         relative: Whether `start` and `stop` are relative to the recording's first event (default False). The times of

@@ -73,7 +73,7 @@ class RecordingReport:
 
     @property
     def failure(self) -> OSError | None:
-        """The error that ended the recording, a CameraError or a full disk; None after its time or a stop."""
+        """The error that ended the recording, a CameraError or a full disk; None if it ended as requested."""
         if self.ended in (TIME_UP, STOPPED):
             return None
         if self.ended.startswith(DISK_FULL):
@@ -82,7 +82,7 @@ class RecordingReport:
 
     @property
     def whole(self) -> bool:
-        """True if no data were lost, and the recording ended after its time or by a stop."""
+        """True if no data were lost, and the recording ended as requested (by `seconds` or `stop`)."""
         faulty = self.lost or self.dropped or self.error_counts.get("usb_errors")
         return not faulty and self.failure is None
 
@@ -112,7 +112,7 @@ def record(
         path: The file; with None, events are only passed to `watch`.
         settings: Settings that the camera's `configure` takes (default: the camera's defaults).
         seconds: Duration of the recording in s (default: until stopped).
-        stop: Event that ends the recording when it is set (default: none).
+        stop: `threading.Event` that ends the recording when it is set (default: none).
         watch: Function that is called with the report so far and the events of each block, in another thread.
         journaled: Copy the stream to FILE.davis, which `nvsdata.open` reads, until the file is complete. The copy
             stays if the file can't be written (default True).
@@ -200,7 +200,10 @@ def check_format(path: Path, settings: Any) -> bool:
 
 @contextmanager
 def stopped_by_interrupt() -> Iterator[Event]:
-    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set; a second signal raises KeyboardInterrupt or `Ended`."""
+    """Yield a `threading.Event` that Ctrl-C, SIGTERM and SIGHUP set.
+
+    A second signal raises KeyboardInterrupt or `Ended`.
+    """
     stop = Event()
 
     def on_signal(number: int, frame: Any) -> None:

@@ -109,12 +109,13 @@ def manifest_of(out: Path, videos: list[Video], rig: Rig, options: BatchOptions)
 def record_videos(videos: list[Video], manifest: Manifest, rig: Rig, options: BatchOptions) -> FolderReport:
     """Play and record every video that isn't done; the result of each is written to the manifest at once.
 
-    If a take fails its checks, its video is recorded again after the others; if the camera was the reason, at once.
-    After three failed takes the video has failed. The last 20 failed takes are kept, untrimmed, in `.takes` of the
-    manifest's folder. If the camera is disconnected, the batch waits for it. If takes of several videos fail one after
-    another, the camera is reopened, then a video that was recorded before is recorded again. If that fails, too, the
-    batch pauses and runs the alarm (see `watch`). A video that can't be decoded fails, and the batch continues with the
-    others. Contact sheets, with forty recordings per page, and `status.json` are written to the manifest's folder.
+    A take is one recording of a video. If a take fails its checks, the video is recorded again after the others; if the
+    camera made its first take fail, at once. After three failed takes the video has failed. The last failed take of up
+    to 20 videos is kept, untrimmed, in `.takes` of the manifest's folder. If the camera is disconnected, the batch
+    waits for it. If takes of several videos fail one after another, the camera is reopened, then a video that was
+    recorded before is recorded again. If that fails, too, the batch pauses and runs the alarm (see `watch`). A video
+    that can't be decoded fails, and the batch continues with the others. Contact sheets, with forty recordings per
+    page, and `status.json` are written to the manifest's folder.
 
     Raises:
         CameraError: There is no camera at the start.

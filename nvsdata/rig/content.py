@@ -232,7 +232,7 @@ def _counts(recording: Recording, start: int, stop: int, bins: int) -> tuple[np.
 
 
 def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[float | None, float, float, float]:
-    """Compare recorded with expected events [bins, cells]; return the fields `scale` to `stray` of `Content`."""
+    """Compare recorded with expected events [bins, cells]; return `scale`, `gap`, `hidden` and `stray` of `Content`."""
     seconds = len(found) * BIN / MICROSECONDS
     second = min(MICROSECONDS // BIN, len(due))
     busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()

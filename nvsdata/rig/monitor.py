@@ -124,7 +124,7 @@ class Monitor:
         return None
 
     def fill(self, level: int, due: float | None = None) -> float:
-        """Fill the screen with a gray level; `due` and the result are as in `show`."""
+        """Fill the screen with a gray level at the refresh nearest to `due`, and return its host time; see `show`."""
         return self._shown(lambda: self._surface.fill((level, level, level)), due)
 
     def show(self, frame: VideoFrame, due: float | None = None) -> float:

@@ -104,7 +104,7 @@ def run_batch(
 
 
 def _watched(chosen: CameraChoice) -> tuple[Any, Any]:
-    """Return the result of `Simulation.watched` for a simulated camera, else (None, None)."""
+    """Return backend and `on_change` (see `Monitor`) of a simulated camera; (None, None) for a real one."""
     if chosen.simulate is None:
         return None, None
     remark("preparing the simulated camera; the first time, this may take a minute")

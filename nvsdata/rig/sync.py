@@ -54,11 +54,13 @@ class Sync(NamedTuple):
 
 
 def synced(take: ScreenRecording) -> Sync:
-    """Fit the clocks by the take's flashes: by triggers if these show nothing but the flashes, else by events.
+    """Fit camera time to host time, by the flashes before and after the video.
+
+    The fit is to the external triggers if they show the flashes and hardly anything else, otherwise to the events.
 
     Raises:
-        NoSync: The events don't show the flashes, so the camera doesn't see the screen. Or events and triggers show
-            them more than 5 ms apart.
+        NoSync: The events don't show the flashes, so the camera doesn't see the screen; or the fits to events and to
+            triggers are more than 5 ms apart.
     """
     done = take.performance
     shown, bright = np.array(done.flashes), np.array(done.bright)

@@ -25,7 +25,7 @@ LIBRARIES = "../opencv*.libs/libavutil*", ".dylibs/libavutil*"
 
 
 class DecoderErrors:
-    """Counts the decoder errors of one video in a `with` block; `found` has their number afterwards.
+    """Counter of the decoder errors of one video, for a `with` block; `found` has their number afterwards.
 
     FFmpeg doesn't name the video of an error. If another thread ran such a block at the same time, or if errors can't
     be counted here, `found` is 0.

@@ -1,4 +1,4 @@
-"""Checks that the addresses of datasets still lead to their files."""
+"""Check that the addresses of datasets still lead to their files."""
 
 from __future__ import annotations
 

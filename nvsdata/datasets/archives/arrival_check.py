@@ -1,4 +1,4 @@
-"""Checks whether a downloaded file is the expected archive, and describes it if it isn't."""
+"""Check whether a downloaded file is the expected archive, and description of the file if it isn't."""
 
 from __future__ import annotations
 

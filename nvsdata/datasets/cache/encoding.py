@@ -1,6 +1,6 @@
-"""Samples as bytes: a line of JSON that describes the sample, then the numbers of its tensors and arrays.
+"""Samples as bytes: a line of JSON that describes the sample, then the values of its tensors and arrays.
 
-The bytes are not trusted. Unknown types, shapes that don't match the numbers, impossible Events and edges between
+The bytes are not trusted. Unknown types, shapes that don't match the values, impossible Events and edges between
 missing nodes raise ValueError. So no code from the file is run, and kernels get valid arguments only.
 """
 
@@ -38,7 +38,7 @@ def encode_sample(sample: Any) -> bytes:
 
 
 def _description(sample: Any, numbers: list[bytes]) -> list[Any]:
-    """Return kind and content of a sample for JSON; the numbers of its tensors are added to `numbers`."""
+    """Return kind and content of a sample for JSON; the values of its tensors are added to `numbers` as bytes."""
     kind = type(sample)
     if kind in PLAIN:
         return ["value", sample]
@@ -71,7 +71,7 @@ def _description(sample: Any, numbers: list[bytes]) -> list[Any]:
 
 
 def _tensor_description(tensor: torch.Tensor, numbers: list[bytes]) -> list[Any]:
-    """Return type, shape and device of a tensor, whose numbers are added to `numbers`."""
+    """Return type, shape and device of a tensor, whose values are added to `numbers` as bytes."""
     plain = tensor.resolve_conj().resolve_neg().contiguous().cpu()
     numbers.append(plain.view(-1).view(torch.uint8).numpy().tobytes())
     return [str(tensor.dtype).removeprefix("torch."), list(tensor.shape), str(tensor.device)]
@@ -93,7 +93,7 @@ def decode_sample(content: memoryview) -> Any:
 
 
 class _Numbers:
-    """Reads the numbers of tensors one after the other; `at` is the byte at which the next tensor begins."""
+    """Reader of the values of tensors, one tensor after the other; `at` is the byte at which the next one begins."""
 
     def __init__(self, content: memoryview, at: int) -> None:
         self.content, self.at = content, at

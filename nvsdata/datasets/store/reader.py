@@ -381,7 +381,7 @@ def _has_types(index: dict[str, np.ndarray]) -> bool:
 
 
 def pack_texts(texts: Iterable[str]) -> np.ndarray:
-    """Return strings as bytes: UTF-8, each followed by a zero, which no file name contains."""
+    """Return strings as bytes: UTF-8, each followed by a zero byte, which no file name contains."""
     return np.frombuffer("".join(text + "\0" for text in texts).encode("utf-8", "surrogatepass"), np.uint8)
 
 

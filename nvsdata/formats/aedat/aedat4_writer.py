@@ -1,4 +1,4 @@
-"""Writes AEDAT 4 files of events, frames and inertial samples: packets compressed by LZ4, and a table of them."""
+"""Writer of AEDAT 4 files of events, frames and inertial samples: packets compressed by LZ4, and a table of them."""
 
 from __future__ import annotations
 

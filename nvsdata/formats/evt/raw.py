@@ -149,7 +149,7 @@ class EvtRecording(IndexedFile):
         return count, bad
 
     def decode(self) -> Columns:
-        """Decode all events, without the index unless the clock is damaged."""
+        """Decode all events. If the clock is damaged, compute the index: it raises an error or finds words to drop."""
         columns, state = self._run(0, self.records)
         if self._parts(state)[1][JUMP] >= 0 and self._blocks is None:
             # computing the index raises an error, or finds the words to drop

@@ -57,7 +57,7 @@ class Chunks:
         return np.asarray(self.dataset[lo:hi]) if found is None else found
 
     def _inflated(self, lo: int, hi: int) -> np.ndarray | None:
-        """Return rows lo..hi; None if the library must decode them."""
+        """Return rows lo..hi; None if the HDF5 library must decode them."""
         first, last = min(lo, self._shape[0]), min(hi, self._shape[0])
         rows = np.empty((max(last - first, 0), *self._shape[1:]), self._kind)
         height, *sides = self._sides
@@ -80,7 +80,7 @@ class Chunks:
         return rows if sound else None
 
     def _chunk(self, place: Offset) -> np.ndarray | None:
-        """Return the values of the chunk at `place`; None if the library must decode it, or report its damage."""
+        """Return the values of the chunk at `place`; None if the HDF5 library must decode it or report damage."""
         if self._last is not None and self._last[0] == place:
             return self._last[1]
         mask, data = self.dataset.id.read_direct_chunk(place)

@@ -107,9 +107,9 @@ def found_in(path: Any, place: Any, name: str) -> Any:
 
 
 def dataset_of(path: Any, file: Any, name: str, left: Allowance | None = None) -> Any:
-    """Return the dataset called `name` in an open file of h5py. FormatError unless all its values are in the file.
+    """Return the dataset called `name` in an open h5py file. FormatError unless all its values are in the file.
 
-    `left` is as in `check_stored`.
+    The dataset's bytes are subtracted from `left`, a limit of decompression that several datasets may share.
     """
     found = found_in(path, file.id, name)
     if not isinstance(found, h5py.h5d.DatasetID):
@@ -181,7 +181,7 @@ def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
 
 
 def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
-    """Return the offsets at which the `count` values of an uncompressed dataset are stored, and the values per offset.
+    """Return the offsets at which an uncompressed dataset of `count` values is stored, and how many values each has.
 
     ([], 0) if the HDF5 library must read the dataset.
     """

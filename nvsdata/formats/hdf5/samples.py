@@ -36,7 +36,7 @@ GATHERED = 64  # number of frames, or of pieces with inertial samples, that are 
 
 
 class SampleWriter:
-    """Writes frames, inertial samples and metadata of pieces to an HDF5 file while the pieces are iterated over.
+    """Writer of frames, inertial samples and metadata to an HDF5 file, while the pieces with them are iterated over.
 
     `finish` writes the rest. `check` is called for each piece, and raises errors of the disk.
     """

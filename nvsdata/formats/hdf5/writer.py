@@ -1,4 +1,4 @@
-"""Writes nvsdata's own HDF5 files; `nvsdata.formats.hdf5.layouts` documents their layout."""
+"""Writer of nvsdata's own HDF5 files; `nvsdata.formats.hdf5.layouts` documents their layout."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _stored(columns: Columns, kinds: dict[str, Any], offset: int) -> list[np.nda
 
 
 class ChunkWriter(NamedTuple):
-    """Writes chunks to a file.
+    """Writer of chunks to a file.
 
     Args:
         file: File of h5py.

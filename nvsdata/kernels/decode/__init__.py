@@ -1,1 +1,1 @@
-"""Bytes of recordings to columns of events, and back."""
+"""Conversion of bytes of recordings to columns of events, and back."""

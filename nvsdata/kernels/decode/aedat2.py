@@ -1,4 +1,4 @@
-"""Records of AEDAT 2 files to event columns and back."""
+"""Conversion of records of AEDAT 2 files to event columns and back."""
 
 from __future__ import annotations
 

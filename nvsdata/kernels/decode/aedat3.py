@@ -1,4 +1,4 @@
-"""Packets of AEDAT 3 files to event columns."""
+"""Conversion of packets of AEDAT 3 files to event columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events of AEDAT 4 to columns."""
+"""Conversion of events of AEDAT 4 to columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records of ATIS cameras to event columns and back.
+"""Conversion of records of ATIS cameras to event columns and back.
 
 Each decoder has the following arguments and results. `raw` uint8 contains records of a file. `state` is the state
 before these records, and is updated to the state after them. The columns `t`, `x`, `y` and `p` (int64 µs, int16, int16,

@@ -99,7 +99,8 @@ def extremes(t: np.ndarray, block: int, starts: np.ndarray, lowest: np.ndarray, 
 def kept_words(raw: np.ndarray, bits: int, back: int, silent: int = LATEST) -> np.ndarray:
     """Return the mask of the largest set of words without a jump between them (see `is_jump`). O(N log N).
 
-    `raw` int64 [N] has the words of a counter of `bits` bits. `back` and `silent` are in units of the counter.
+    `raw` int64 [N] has the words of a counter of `bits` bits. `back` and `silent` are the limits of
+    `is_jump`, in units of the counter.
     """
     keep = np.empty(raw.size, np.bool_)
     _native.kept_words(raw, _checked(bits), back, silent, keep)

@@ -1,4 +1,4 @@
-"""Records of Prophesee .dat files to event columns."""
+"""Conversion of records of Prophesee .dat files to event columns."""
 
 from __future__ import annotations
 

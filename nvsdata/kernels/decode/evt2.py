@@ -1,4 +1,4 @@
-"""Prophesee EVT2 and EVT 2.1 words to event columns and back; see `kernels.decode.evt`.
+"""Conversion of Prophesee EVT2 and EVT 2.1 words to event columns and back; see `kernels.decode.evt`.
 
 An EVT2 word has 32 bits; its type is in bits 28 to 31. An event word has the low 6 bits of the time in bits 22 to 27, x
 in bits 11 to 21 and y in bits 0 to 10. A time word has the high 28 bits of the time. An EVT 2.1 word has 64 bits. Its

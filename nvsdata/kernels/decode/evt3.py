@@ -1,4 +1,4 @@
-"""Prophesee EVT3 words, 16 bits each, to event columns and back; see `kernels.decode.evt`.
+"""Conversion of Prophesee EVT3 words, 16 bits each, to event columns and back; see `kernels.decode.evt`.
 
 Bits 12 to 15 of a word are its type. Row, column, the high 12 bits and the low 12 bits of the time are in separate
 words. After a word with a base column, each vector word is a mask of the next 12 or 8 columns. `state` int64 [5] has

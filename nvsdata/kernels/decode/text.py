@@ -1,4 +1,4 @@
-"""Lines of decimal numbers to event columns."""
+"""Conversion of lines of decimal numbers to event columns."""
 
 from __future__ import annotations
 

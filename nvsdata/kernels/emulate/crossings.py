@@ -40,7 +40,7 @@ class Sensor(NamedTuple):
 class Array(NamedTuple):
     """The state of all pixels, and of tiles [tile rows, tile columns].
 
-    - `level`: logarithm of the light in the last frame
+    - `level`: logarithm of the light in the latest frame
     - `memory`: level at the last event, with the leak since time 0 added back
     - `reached`: levels of the photoreceptors at the last change of their tile; `speed`: their rates in 1/µs
     - `dirty` bool: tiles that changed; `wake` int64: time in µs from which a tile may fire without a change

@@ -1,7 +1,7 @@
 """Steps that both emulators share: tiles that changed, the logarithm of brightness, and events from a frame's keys.
 
-The key of an event is: µs since the last frame << 32 | y << 17 | x << 1 | ON. The keys of a frame are in raster order
-until they are sorted. The C++ files are tiles.cpp, brightness.cpp and spikes.cpp.
+The key of an event is: µs since the previous frame << 32 | y << 17 | x << 1 | ON. The keys of a frame are in raster
+order until they are sorted. The C++ files are tiles.cpp, brightness.cpp and spikes.cpp.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def step(
     seed: int,
     keys: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Process a frame `span` µs after the last one; return the keys of its events (see `read_keys`) and their number.
+    """Process a frame `span` µs after the previous one; return the keys (see `read_keys`) and the number of its events.
 
     If `frame` is empty, `mark_tiles` was called before, and `plane` and `level` are up to date. All remaining work is
     done in one call, because each call releases Python's lock and waits to get it back. Keys are written to `keys` or,

@@ -23,10 +23,10 @@ class DeviceInfo:
         width: Width of the sensor in pixels, after the swap of axes.
         height: Height of the sensor in pixels, after the swap of axes.
         frame_size: Width and height of frames in pixels.
-        swap: As in `stream.DavisDecoder`.
-        frame_orientation: As in `stream.DavisDecoder`.
-        inertial: As in `stream.DavisDecoder`.
-        inertial_flips: As in `stream.DavisDecoder`.
+        swap: True if rows of the sensor become columns of the events.
+        frame_orientation: Value of register 2/2; `stream.DavisDecoder` describes its bits.
+        inertial: Value of register 3/0, the type of the inertial unit.
+        inertial_flips: Value of register 3/1; `stream.DavisDecoder` describes its bits.
         logic_clock: Clock of the logic in MHz.
         converter_clock: Clock of the converter in MHz.
         usb_clock: Clock of the USB controller in MHz.

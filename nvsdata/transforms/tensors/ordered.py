@@ -70,7 +70,7 @@ class ERGO12:
 
 
 def _windows(count: int) -> list[tuple[int, int]]:
-    """Return the bounds of all events, of the thirds, and of the last half, quarter and eighth."""
+    """Return index ranges: all of `count` events, each third of them, and the last half, quarter and eighth."""
     third = count // 3
     found = [(0, count), *((n * third, (n + 1) * third) for n in range(3))]
     first, left = 0, count
