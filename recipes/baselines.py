@@ -6,7 +6,7 @@ Entire recordings are classified. If the data has no test split, a random fifth 
 train_objects.py.
 
 - HATS (Sironi et al. 2018): averaged time surfaces and a linear SVM, as in the paper. The cell, the window and the
-  penalty of the SVM are the best ones on three random fifths of the training set.
+  penalty of the SVM are the best ones on three random fifths of the training set, or of 2,000 of its recordings.
 - HOTS (Lagorce et al. 2017): three layers of prototypes of time surfaces, found by k-means. Histograms of the
   prototypes of the last layer are classified by a linear SVM, or by the Bhattacharyya distance to the mean of each
   class.
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -30,11 +31,13 @@ from nvsdata.common.files import atomic
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.splits import stratified
 from nvsdata.kernels.represent.hots import feature_surfaces, nearest_prototypes
+from nvsdata.metrics import accuracy
 from nvsdata.training import TrainTestSplit
 
 # side of a cell in pixels; window in µs; square root of the features, which is usual for histograms
 CELLS, WINDOWS, ROOTS = (5, 7, 10), (10_000, 100_000), (False, True)
 PENALTIES = (0.1, 1.0, 10.0, 100.0)
+COMPARED = 2_000  # largest number of training recordings on which settings are compared
 # prototypes, radius in pixels and time constant in µs of each layer of HOTS; surfaces for k-means
 LAYERS = ((4, 2, 20_000.0), (8, 4, 40_000.0), (16, 8, 80_000.0))
 SEEN = 8_000
@@ -46,16 +49,23 @@ def main() -> None:
     sets = halves.train(lambda recording: recording.read()), halves.test(lambda recording: recording.read())
     (train, labels), (test, truth) = (_loaded(part) for part in sets)
     found: dict[str, Any] = {"train": len(train), "test": len(test), "seed": args.seed}
-    counts = [np.stack([T.EventImage()(one).numpy().ravel() for one in part]) for part in (train, test)]
-    found["counts + SVM"] = _by_svm(*counts, labels, truth)
-    found["HATS + SVM"] = _hats(train, test, labels, truth)
-    histograms = hots(train, test, halves.sensor_size, args.seed)
-    found["HOTS + SVM"] = _by_svm(*histograms, labels, truth)
-    found["HOTS + histogram distance"] = {"accuracy": float((_nearest(*histograms, labels) == truth).mean())}
-    for name, result in found.items():
-        print(name, result)
+    for name, result in _results(train, test, labels, truth, halves.sensor_size, args.seed):
+        print(f"{name}: accuracy on {len(test)} recordings, with a 95% interval: {result['accuracy']:.3f}", flush=True)
+        found[name] = result
     with atomic(args.out) as temporary:
         temporary.write_text(json.dumps(found, indent=1) + "\n")
+
+
+def _results(
+    train: list[Any], test: list[Any], labels: np.ndarray, truth: np.ndarray, sensor_size: tuple[int, int], seed: int
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    counts = [np.stack([T.EventImage()(one).numpy().ravel() for one in part]) for part in (train, test)]
+    yield "counts + SVM", _by_svm(*counts, labels, truth)
+    del counts
+    yield "HATS + SVM", _hats(train, test, labels, truth)
+    histograms = hots(train, test, sensor_size, seed)
+    yield "HOTS + SVM", _by_svm(*histograms, labels, truth)
+    yield "HOTS + histogram distance", {"accuracy": accuracy(_nearest(*histograms, labels) == truth)}
 
 
 def arguments() -> argparse.Namespace:
@@ -79,64 +89,86 @@ def _loaded(part: Any) -> tuple[list[Any], np.ndarray]:
 
 def _hats(train: list[Any], test: list[Any], labels: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
     """Classify HATS with the settings that are best within the training set."""
+    some = _selection(labels)
     tried = []
     for cell, window, root in product(CELLS, WINDOWS, ROOTS):
-        transform = T.HATS(cell, window=window)
-        features = [np.stack([transform(one).numpy().ravel() for one in part]) for part in (train, test)]
-        features = [np.sqrt(one) if root else one for one in features]
-        penalty, accuracy_within = _best_penalty(features[0], labels)
-        tried.append((accuracy_within, penalty, {"cell": cell, "window": window, "root": root}, features))
-    accuracy_within, penalty, settings, (seen, unseen) = max(tried, key=lambda one: one[0])
-    accuracy = (svm(*_scaled(seen, unseen), labels, penalty) == truth).mean()
-    return {"accuracy": float(accuracy), "within training": accuracy_within, "penalty": penalty, **settings}
+        features = _averaged_surfaces([train[i] for i in some], cell, window, root)
+        penalty, within = _best_penalty(features, labels[some])
+        tried.append((within, penalty, {"cell": cell, "window": window, "root": root}))
+    within, penalty, settings = max(tried, key=lambda one: one[0])
+    features = [_averaged_surfaces(part, **settings) for part in (train, test)]
+    return _test(*features, labels, truth, penalty, within) | settings
+
+
+def _averaged_surfaces(events: list[Any], cell: int, window: int, root: bool) -> np.ndarray:
+    transform = T.HATS(cell, window=window)
+    features = np.stack([transform(one).numpy().ravel() for one in events])
+    return np.sqrt(features) if root else features
 
 
 def _by_svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
-    penalty, accuracy_within = _best_penalty(train, labels)
-    accuracy = (svm(*_scaled(train, test), labels, penalty) == truth).mean()
-    return {"accuracy": float(accuracy), "within training": accuracy_within, "penalty": penalty}
+    some = _selection(labels)
+    penalty, within = _best_penalty(train[some], labels[some])
+    return _test(train, test, labels, truth, penalty, within)
+
+
+def _test(
+    train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.ndarray, penalty: float, within: float
+) -> dict[str, Any]:
+    right = svm(*_prepared(train, test), labels, penalty) == truth
+    return {"accuracy": accuracy(right), "within training": within, "penalty": penalty}
+
+
+def _selection(labels: np.ndarray) -> np.ndarray:
+    """Return the indices of the training recordings on which settings are compared; they are in order of class."""
+    return np.linspace(0, labels.size - 1, min(labels.size, COMPARED)).astype(int)
 
 
 def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, float]:
     """Return the penalty with the best mean accuracy on three random fifths, and that accuracy."""
     names = [(str(label), str(i)) for i, label in enumerate(labels)]
-    parts = [stratified(names, 0.2, seed=seed) for seed in range(3)]
-    accuracies = {
-        penalty: np.mean(
-            [(svm(*_scaled(features[a], features[b]), labels[a], penalty) == labels[b]).mean() for a, b in parts]
-        )
-        for penalty in PENALTIES
-    }
-    best = max(accuracies, key=lambda penalty: accuracies[penalty])
-    return best, float(accuracies[best])
+    found: dict[float, list[float]] = {penalty: [] for penalty in PENALTIES}
+    for a, b in (stratified(names, 0.2, seed=seed) for seed in range(3)):
+        sets = _prepared(features[a], features[b])
+        for penalty in PENALTIES:
+            found[penalty].append((svm(*sets, labels[a], penalty) == labels[b]).mean())
+    best = max(found, key=lambda penalty: np.mean(found[penalty]))
+    return best, float(np.mean(found[best]))
 
 
-def _scaled(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Subtract the mean of the training set, and divide by the root of the sum of its variances."""
-    mean = train.mean(0)
-    size = np.sqrt(((train - mean) ** 2).sum(1).mean())
-    return (train - mean) / size, (test - mean) / size
+def _prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Subtract the mean of the training set, and divide by the root of the sum of its variances.
+
+    The weights of an SVM are linear combinations of the training features. If these are fewer than their dimensions,
+    coordinates in their span take the place of features.
+    """
+    mean = train.mean(0, dtype=np.float64)
+    size = np.sqrt(np.einsum("ij,ij->", train, train, dtype=np.float64) / len(train) - mean @ mean)
+    train, test = ((part - mean.astype(part.dtype)) / part.dtype.type(size) for part in (train, test))
+    if len(train) < train.shape[1]:
+        axes, coordinates = np.linalg.qr(train.T.astype(np.float64))
+        return coordinates.T, test @ axes
+    return train, test
 
 
 def svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, penalty: float) -> np.ndarray:
     """Return the classes of `test` by linear one-vs-rest SVMs with squared hinge loss (as in LIBLINEAR)."""
     classes = np.unique(labels)
-    if len(train) < train.shape[1]:
-        # the weights are linear combinations of the training features, so coordinates in their span are enough
-        axes, coordinates = np.linalg.qr(train.T)
-        train, test = coordinates.T, test @ axes
-    seen, unseen = (np.hstack((part, np.ones((len(part), 1)))) for part in (train, test))
     sign = np.where(labels[:, None] == classes, 1.0, -1.0)
-    shape = seen.shape[1], classes.size
+    shape = train.shape[1] + 1, classes.size
+
+    def scores(part: np.ndarray, w: np.ndarray) -> np.ndarray:
+        return part @ w[:-1].astype(part.dtype) + w[-1]
 
     def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
         w = flat.reshape(shape)
-        hinge = np.maximum(1 - sign * (seen @ w), 0)
-        slope = w - 2 * penalty * seen.T @ (sign * hinge)
+        hinge = np.maximum(1 - sign * scores(train, w), 0)
+        pull = sign * hinge
+        slope = w - 2 * penalty * np.vstack((train.T @ pull.astype(train.dtype), pull.sum(0)))
         return 0.5 * (w**2).sum() + penalty * (hinge**2).sum(), slope.ravel()
 
     weights = minimize(loss, np.zeros(np.prod(shape)), jac=True, method="L-BFGS-B", options={"maxiter": 200}).x
-    return classes[np.argmax(unseen @ weights.reshape(shape), 1)]
+    return classes[np.argmax(scores(test, weights.reshape(shape)), 1)]
 
 
 def hots(train: list[Any], test: list[Any], sensor_size: tuple[int, int], seed: int) -> list[np.ndarray]:
