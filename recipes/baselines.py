@@ -139,13 +139,13 @@ def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, floa
 def _prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Subtract the mean of the training set, and divide by the root of the sum of its variances.
 
-    The weights of an SVM are linear combinations of the training features. If these are fewer than their dimensions,
-    coordinates in their span take the place of features.
+    The weights of an SVM are linear combinations of the training features. If these are few, and fewer than their
+    dimensions, coordinates in their span take the place of features.
     """
     mean = train.mean(0, dtype=np.float64)
     size = np.sqrt(np.einsum("ij,ij->", train, train, dtype=np.float64) / len(train) - mean @ mean)
     train, test = ((part - mean.astype(part.dtype)) / part.dtype.type(size) for part in (train, test))
-    if len(train) < train.shape[1]:
+    if len(train) < min(train.shape[1], COMPARED):
         axes, coordinates = np.linalg.qr(train.T.astype(np.float64))
         return coordinates.T, test @ axes
     return train, test
