@@ -99,7 +99,8 @@ def paired_test(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95
 
     The test is exact: it counts in how many of all exchanges of the two classifiers' results, recording by recording,
     the difference is at least as large. With one prediction per recording it is McNemar's exact test. The interval is
-    that of Bonett and Price (2012): Wald's interval with one recording added in favor of each classifier.
+    that of Bonett and Price (2012): Wald's interval with one recording added in favor of each classifier. With several
+    predictions per recording, an added recording has the root mean square of the differences that aren't 0.
 
     Args:
         first: 1 (True) for each correct prediction, [N] or [..., N] for several predictions of each of N recordings.
@@ -123,9 +124,10 @@ def paired_test(first: npt.ArrayLike, second: npt.ArrayLike, level: float = 0.95
         raise ValueError(f"first and second must have one shape, not {np.shape(first)} and {np.shape(second)}")
     gains = ours.sum(0) - theirs.sum(0)
     differences = gains / len(ours)
-    count = differences.size + 2
+    squares, unequal, count = (differences**2).sum(), np.count_nonzero(differences), differences.size + 2
+    added = squares / unequal if unequal else 1.0
     mean = differences.sum() / count
-    half = z * np.sqrt(max(((differences**2).sum() + 2) / count - mean**2, 0.0) / count)
+    half = z * np.sqrt(max((squares + 2 * added) / count - mean**2, 0.0) / count)
     low, high = max(mean - half, -1.0), min(mean + half, 1.0)
     return PairedTest(float(differences.mean()), (float(low), float(high)), _exchanges(gains))
 

@@ -42,6 +42,16 @@ def test_intervals_contain_the_truth_as_often_as_they_say():
     shown = covered(1000, lambda n: (paired_test(draws(9, 1), draws(4, 1)).interval, 0.1))
     assert shown == pytest.approx(0.95, abs=0.025)
 
+    # few recordings have windows on which the classifiers differ, and each of them differs on few
+    def of_two(n):
+        easy = rng.beta(0.97, 0.03, 200)
+        first, second = (rng.random((25, 200)) < chance for chance in (easy, np.clip(easy - 0.01, 0, 1)))
+        return paired_test(first, second).interval, truth
+
+    many = rng.beta(0.97, 0.03, 1_000_000)
+    truth = (many - np.clip(many - 0.01, 0, 1)).mean()
+    assert covered(1000, of_two) == pytest.approx(0.95, abs=0.025)
+
 
 @given(hnp.arrays(bool, (2, 12)))
 def test_with_one_prediction_per_recording_the_test_is_mcnemars(pair):
