@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata.kernels import _native
-from nvsdata.kernels.graph.neighbors import near_edges
+from nvsdata.kernels.graph.neighbors import SWEEP, near_edges
 
 pytestmark = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indexes counts them")
 
@@ -98,3 +98,12 @@ def test_where_few_are_near_in_time_each_near_pair_is_compared_once(n):
     touched = searched((t, x, y), beta=1e-6, k=64, sweep=48)
     # of a pair in time a place, and where it is listed; of a near one both coordinates and times, and two lists
     assert touched <= 2 * in_time.sum() + 40 * near.sum() + 30 * n
+
+
+def test_the_way_depends_on_the_events_near_in_time():
+    """On average 100 earlier ones: pixels are searched, unless differences in time change the order of distances."""
+    ways = (0, SWEEP, 10**12)
+    pixels, chosen, _ = (searched(scattered(200, every=10), beta=1e-10, sweep=way) for way in ways)
+    assert chosen == pixels
+    pixels, chosen, sweep = (searched(scattered(MANY, every=10), beta=9e-6, sweep=way) for way in ways)
+    assert chosen == sweep != pixels

@@ -451,7 +451,9 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
     if (alpha > 0 && beta > 0 && limit / beta < 1e36 && limit / alpha < 1e8) {
         i64 reach = i64(std::sqrt(limit / beta * (1 + ROUNDING))) + 1;
         Pairs pairs = pairs_in_time(t, reach);
-        swept = double(pairs.all) <= double(sweep_below) * double(n);
+        double span = double(minus(t[n - 1], t[0]));
+        double factor = beta * (span * span) >= alpha ? double(MIXED) : 1;
+        swept = double(pairs.all) <= factor * double(sweep_below) * double(n);
         if (swept) sweep(t, x, y, metric, reach, pairs, sources, interrupt);
     }
     if (!swept) Search(t, PixelLists(x, y, alpha > 0), metric, sources, interrupt).run();

@@ -6,6 +6,7 @@
 namespace nvsdata {
 
 constexpr i64 SWEEP = 48;  // mean number of events near in time up to which testing all of them is fastest
+constexpr i64 MIXED = 3;   // factor of this number if differences in time can change the order of distances in space
 
 // `degree` gets the number of sources of each event. The rows of `source` have room for one index more. Returns the
 // number of all edges.

@@ -26,8 +26,8 @@ def near_sources(
 
     The search visits pixels around an event in order of distance. It takes O(N (P + k)), where P is the number of
     pixels up to the distance of the k-th neighbor, if no difference in time can change the order of distances in space,
-    and O(N (P + k²)) otherwise. If on average fewer than `sweep_below` events are near in time, all of these are tested
-    instead.
+    and O(N (P + k²)) otherwise. If on average at most `sweep_below` events are near in time (in the second case, three
+    times as many), all of these are tested instead.
 
     Args:
         t: Times in µs, int64 [N], which must not decrease.
@@ -37,8 +37,8 @@ def near_sources(
         alpha: Weight of squared pixels.
         beta: Weight of squared µs.
         k: Largest number of neighbors, at least 1.
-        sweep_below: Mean number of events near in time below which all of them are tested. 0 always selects the search
-            by pixels, and a very large number never.
+        sweep_below: Mean number of earlier events near in time up to which all of them are tested. 0 always selects the
+            search by pixels, and a very large number never.
 
     Returns:
         Number of sources of each event, int32 [N]; their indices, ascending, at the beginning of each row of an int32
