@@ -25,7 +25,7 @@ def table(name: str) -> str:
         "formats": _formats,
         "comparison": lambda: _rows(*figures.comparison()),
         "growth": lambda: _rows(*figures.growth()),
-        "ablation": lambda: _rows(*figures.ablation()),
+        "ablation": lambda: _rows(*figures.ablation(rest)),
         "accuracy": lambda: _rows(*figures.accuracy(rest)),
     }
     return tables.get(kind, lambda: _dataset(rest))()

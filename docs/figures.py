@@ -24,7 +24,6 @@ from nvsdata.metrics.seeds import by_settings, points_apart, spread
 
 BENCHMARKS = Path(__file__).parent / "figures" / "benchmarks.json"
 ACCURACY = BENCHMARKS.with_name("accuracy.json")
-ABLATION = BENCHMARKS.with_name("ablation.jsonl")
 DEFAULT = "default"  # the settings from which runs of the ablation study differ
 ROUNDING = 1e-4  # errors up to this are rounding of float32
 
@@ -82,13 +81,13 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
     return rows
 
 
-def ablation() -> list[tuple[str, ...]]:
-    """Return a row for each setting of the ablation study, after a head.
+def ablation(study: str) -> list[tuple[str, ...]]:
+    """Return a row for each setting of an ablation study, `STUDY.jsonl`, after a head.
 
     Differences from the defaults are those of `points_apart`.
     """
     head = ("changed settings", "one window", "vote", "points from the defaults: one window", "points: vote", "minutes")
-    _, *lines = map(json.loads, ABLATION.read_text().splitlines())
+    _, *lines = map(json.loads, ACCURACY.with_name(f"{study}.jsonl").read_text().splitlines())
     runs = by_settings(lines, ("one", "five", "minutes"))
     rows = []
     for settings, found in runs.items():

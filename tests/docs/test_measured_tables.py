@@ -33,10 +33,11 @@ def test_growth_ends_at_the_largest_size():
         assert -0.5 < float(exponent) < 2.5
 
 
-def test_the_ablation_study_compares_runs_of_one_seed():
-    head, first, *rows = figures.ablation()
+@pytest.mark.parametrize("study", ["ablation", "ablation-degree"])
+def test_ablation_studies_compare_runs_of_one_seed(study):
+    head, first, *rows = figures.ablation(study)
     assert (len(head), first[0], first[3:5]) == (6, "default", ("", ""))
-    _, *lines = map(json.loads, figures.ABLATION.read_text().splitlines())
+    _, *lines = map(json.loads, figures.ACCURACY.with_name(f"{study}.jsonl").read_text().splitlines())
     runs = {(line["settings"], line["seed"]): line for line in lines}
     assert len(rows) + 1 == len({settings for settings, _ in runs})
     for settings, one, vote, *differences, _ in rows:
