@@ -43,9 +43,14 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+# torch.manual_seed formats the stack three times a call where no device is there whose seed could be set
+DEVICES = torch.cuda.is_available() or torch.backends.mps.is_available()
+seed = torch.manual_seed if DEVICES else torch.default_generator.manual_seed
+
+
 @pytest.fixture(autouse=True)
 def _seeded():
-    torch.manual_seed(0)
+    seed(0)
 
 
 @pytest.fixture(params=["dense", "sparse", "torch"])
