@@ -6,7 +6,7 @@ Entire recordings are classified. If the data has no test split, a random fifth 
 train_objects.py.
 
 - HATS (Sironi et al. 2018): averaged time surfaces and a linear SVM, as in the paper. The cell, the window and the
-  penalty of the SVM are the best ones on three random fifths of the training set, or of 2,000 of its recordings.
+  penalty of the SVM are the best ones on three random fifths of the training set, or of 1,000 of its recordings.
 - HOTS (Lagorce et al. 2017): three layers of prototypes of time surfaces, found by k-means. Histograms of the
   prototypes of the last layer are classified by a linear SVM, or by the Bhattacharyya distance to the mean of each
   class.
@@ -37,7 +37,7 @@ from nvsdata.training import TrainTestSplit
 # side of a cell in pixels; window in µs; square root of the features, which is usual for histograms
 CELLS, WINDOWS, ROOTS = (5, 7, 10), (10_000, 100_000), (False, True)
 PENALTIES = (0.1, 1.0, 10.0, 100.0)
-COMPARED = 2_000  # largest number of training recordings on which settings are compared
+COMPARED = 1_000  # largest number of training recordings on which settings are compared
 # prototypes, radius in pixels and time constant in µs of each layer of HOTS; surfaces for k-means
 LAYERS = ((4, 2, 20_000.0), (8, 4, 40_000.0), (16, 8, 80_000.0))
 SEEN = 8_000
@@ -64,8 +64,9 @@ def _results(
     del counts
     yield "HATS + SVM", _hats(train, test, labels, truth)
     histograms = hots(train, test, sensor_size, seed)
-    yield "HOTS + SVM", _by_svm(*histograms, labels, truth)
     yield "HOTS + histogram distance", {"accuracy": accuracy(_nearest(*histograms, labels) == truth)}
+    # last, because features are changed in place
+    yield "HOTS + SVM", _by_svm(*histograms, labels, truth)
 
 
 def arguments() -> argparse.Namespace:
@@ -102,8 +103,11 @@ def _hats(train: list[Any], test: list[Any], labels: np.ndarray, truth: np.ndarr
 
 def _averaged_surfaces(events: list[Any], cell: int, window: int, root: bool) -> np.ndarray:
     transform = T.HATS(cell, window=window)
-    features = np.stack([transform(one).numpy().ravel() for one in events])
-    return np.sqrt(features) if root else features
+    # not by np.stack, which needs twice the memory
+    features = np.empty((len(events), transform(events[0]).numel()), np.float32)
+    for row, one in zip(features, events, strict=True):
+        row[:] = transform(one).numpy().ravel()
+    return np.sqrt(features, out=features) if root else features
 
 
 def _by_svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
@@ -137,14 +141,16 @@ def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, floa
 
 
 def _prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Subtract the mean of the training set, and divide by the root of the sum of its variances.
+    """Subtract the mean of the training set in place, and divide by the root of the sum of its variances.
 
     The weights of an SVM are linear combinations of the training features. If these are few, and fewer than their
     dimensions, coordinates in their span take the place of features.
     """
     mean = train.mean(0, dtype=np.float64)
     size = np.sqrt(np.einsum("ij,ij->", train, train, dtype=np.float64) / len(train) - mean @ mean)
-    train, test = ((part - mean.astype(part.dtype)) / part.dtype.type(size) for part in (train, test))
+    for part in (train, test):
+        part -= mean.astype(part.dtype)
+        part /= part.dtype.type(size)
     if len(train) < min(train.shape[1], COMPARED):
         axes, coordinates = np.linalg.qr(train.T.astype(np.float64))
         return coordinates.T, test @ axes
