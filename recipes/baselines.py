@@ -147,7 +147,9 @@ def _prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarr
     dimensions, coordinates in their span take the place of features.
     """
     mean = train.mean(0, dtype=np.float64)
-    size = np.sqrt(np.einsum("ij,ij->", train, train, dtype=np.float64) / len(train) - mean @ mean)
+    # some rows at a time, because their squares in float64 need twice the memory
+    squares = sum(np.square(rows, dtype=np.float64).sum() for rows in np.array_split(train, 50))
+    size = np.sqrt(squares / len(train) - mean @ mean)
     for part in (train, test):
         part -= mean.astype(part.dtype)
         part /= part.dtype.type(size)
