@@ -14,6 +14,7 @@ from places import RECIPES
 
 import nvsdata
 from nvsdata import models, training
+from nvsdata.models.reference import vgg
 from nvsdata.training import sgd
 from nvsdata.training.actions import FRAME_NETWORKS, Actions
 
@@ -28,6 +29,17 @@ def gestures(tmp_path):
     return trees.put(tmp_path / "gestures", kept)
 
 
+@pytest.fixture
+def slim(monkeypatch):
+    """Networks with less to compute: few channels, and a coarse grid for 3D CNNs."""
+    small = {"channels": (8, 16, 32), "clusters": ((4, 4), (16, 16), (32, 32))}
+    for name, settings in models.CONFIGURATIONS_3D.items():
+        monkeypatch.setitem(models.CONFIGURATIONS_3D, name, settings | small)
+    monkeypatch.setattr(vgg, "WIDTHS", (4, 8, 8, 8, 8))
+    for name in ("VGG", "MotionVector3D"):
+        monkeypatch.setattr(models.reference, name, functools.partial(getattr(models.reference, name), hidden=16))
+
+
 def lines(out):
     return [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
 
@@ -36,6 +48,7 @@ def timeless(log):
     return [{k: v for k, v in line.items() if k != "seconds"} for line in log]
 
 
+@pytest.mark.usefixtures("slim")
 def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
     common = (
         "--dataset",
@@ -73,7 +86,7 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
 
     # resumed from the end, nothing is left to do
     before = timeless(log)
-    run("train_actions.py", *common, "--out", tmp_path / "a", "--resume")
+    run("train_actions.py", *common, "--out", tmp_path / "a", "--resume", "--no-report")
     assert timeless(lines(tmp_path / "a")) == before
     with pytest.raises(SystemExit, match="belongs to a run of 1 epochs, not 3"):
         run("train_actions.py", *common[:-1], 3, "--out", tmp_path / "a", "--resume")
@@ -84,9 +97,9 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
 
 @pytest.mark.parametrize("network", ["pointnet", "resnext3d"])
 def test_reference_networks_are_trained(run, gestures, tmp_path, monkeypatch, network):
-    # one block of layers for each resolution
-    kind, *sides = FRAME_NETWORKS["resnext3d"]
-    monkeypatch.setitem(FRAME_NETWORKS, "resnext3d", (functools.partial(kind, depths=(1, 1, 1, 1)), *sides))
+    # one block of layers for each resolution, and small frames
+    kind = functools.partial(FRAME_NETWORKS["resnext3d"][0], depths=(1, 1, 1, 1))
+    monkeypatch.setitem(FRAME_NETWORKS, "resnext3d", (kind, 36, 32))
     common = ("--dataset", "dvs128-gesture", "--root", gestures, "--out", tmp_path / "out", "--epochs", 1, "--votes", 1)
     run("train_actions.py", *common, "--network", network, "--events", 64, "--batch", 3, "--device", "cpu")
     assert len(lines(tmp_path / "out")) == 1
@@ -115,6 +128,7 @@ def test_scenes_are_left_out_one_by_one(run, tmp_path):
         run("scenes_yupenn.py", *common, "--graphs", 16, "--resume")
 
 
+@pytest.mark.usefixtures("slim")
 def test_similarity_of_actions(run, tmp_path):
     root = trees.put(tmp_path / "aslan", trees.aslandvs(view2=True))
     protocol = Actions(temporal="plain")
@@ -137,6 +151,7 @@ def test_similarity_of_actions(run, tmp_path):
     assert [file.stat().st_mtime_ns for file in features] == stamps
 
 
+@pytest.mark.usefixtures("slim")
 def test_transfer_from_emulated_to_real(run, tmp_path, monkeypatch):
     tested = []
 
@@ -165,14 +180,13 @@ def test_transfer_from_emulated_to_real(run, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def letters(tmp_path, monkeypatch):
-    """A video of each of two letters, and the same as recordings; VGG-16 is made slim."""
+def letters(tmp_path, slim):
+    """A video of each of two letters, and the same as recordings; VGG-16 is slim."""
     for n, letter in enumerate("ab"):
         video = write_video(tmp_path / "videos" / letter / "0.avi", moving_square(10, seed=n))
         for kind in ("real", "emulated"):
             (tmp_path / kind / letter).mkdir(parents=True)
             nvsdata.write(nvsdata.PIX2NVS().emulate(video), tmp_path / kind / letter / "0.h5")
-    monkeypatch.setattr(models.reference, "VGG", functools.partial(models.reference.VGG, hidden=16))
     return tmp_path
 
 

@@ -13,8 +13,9 @@ from places import RECIPES
 PLOTLESS = """
 import runpy, sys
 from nvsdata.training import accuracy_by_window, report
-assert hasattr(accuracy_by_window, "MOST_DRAWS") and hasattr(report, "_pictures") and hasattr(report, "_sheet")
-accuracy_by_window.MOST_DRAWS = 1
+assert all(hasattr(accuracy_by_window, name) for name in ("MOST_DRAWS", "FACTORS"))
+assert hasattr(report, "_pictures") and hasattr(report, "_sheet")
+accuracy_by_window.MOST_DRAWS, accuracy_by_window.FACTORS = 1, (0.5, 1.0)
 report._pictures, report._sheet = lambda *_: {{}}, lambda *_: None
 sys.path.insert(0, {recipes!r})
 runpy.run_path({recipes!r} + "/train_objects.py", run_name="__main__")
