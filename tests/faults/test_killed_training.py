@@ -100,6 +100,7 @@ def command(root, out, *flags):
         1,
         "--device",
         "cpu",
+        "--no-report",
         *flags,
     ]
     return [sys.executable, str(RECIPES / "train_objects.py"), *map(str, words)]

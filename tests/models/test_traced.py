@@ -38,9 +38,13 @@ def double(batch):
     return batch._each(lambda tensor: tensor.double() if tensor.is_floating_point() and tensor.ndim == 2 else tensor)
 
 
-@pytest.mark.parametrize("pooling", ["max", "average"])
-def test_a_network_is_compiled_as_a_whole_and_learns_the_same(batches, pooling):
-    ours = models.RGCNN(3, dropout=0.0, pooling=pooling, shortcut_start=0.5, **SMALL).double()
+@pytest.mark.parametrize(
+    ("pooling", "sizes"),
+    [("max", SMALL), ("average", {"channels": (4,), "clusters": ((7, 7),), "hidden": 8})],
+    ids=["max", "average"],
+)
+def test_a_network_is_compiled_as_a_whole_and_learns_the_same(batches, pooling, sizes):
+    ours = models.RGCNN(3, dropout=0.0, pooling=pooling, shortcut_start=0.5, **sizes).double()
     other = copy.deepcopy(ours)
     # no step of the forward pass is left to Python
     compiled = torch.compile(ours, backend="aot_eager", fullgraph=True, dynamic=True)

@@ -1,4 +1,5 @@
 import csv
+import functools
 import json
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ from places import RECIPES
 import nvsdata
 from nvsdata import models
 from nvsdata.training import Trainer
+from nvsdata.training.objects import IMAGE_NETWORKS
 
 RECIPE = RECIPES / "train_objects.py"
 
@@ -250,7 +252,9 @@ ABLATIONS = {
 
 @pytest.mark.usefixtures("plotless")
 @pytest.mark.parametrize("flags", ABLATIONS.values(), ids=ABLATIONS)
-def test_ablations(run, fake_nmnist, tmp_path, flags):
+def test_ablations(run, fake_nmnist, tmp_path, monkeypatch, flags):
+    # one block of layers for each resolution
+    monkeypatch.setitem(IMAGE_NETWORKS, "resnet50", functools.partial(IMAGE_NETWORKS["resnet50"], depths=(1, 1, 1, 1)))
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path, "--epochs", 1, "--votes", 1)
     run("train_objects.py", *common, *flags, "--device", "cpu")
     assert len(lines(tmp_path)) == 1

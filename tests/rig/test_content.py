@@ -130,8 +130,8 @@ def spoiled(kind, span, events):
     if kind == "a storm":
         t = np.sort(rng.integers(span.start + 500_000, span.start + 700_000, 3 * count))
         return beside(events, t, rng.integers(0, 240, t.size), rng.integers(0, 180, t.size), rng)
-    if kind == "50 Hz of noise":
-        t = np.sort(rng.integers(0, end, int(50 * 240 * 180 * end / 1e6)))
+    if kind == "12 Hz of noise":
+        t = np.sort(rng.integers(0, end, int(12 * 240 * 180 * end / 1e6)))
         return beside(events, t, rng.integers(0, 240, t.size), rng.integers(0, 180, t.size), rng)
     share = float(kind.split("%")[0]) / 100
     return events[events.x >= 12 + share * 215]
@@ -143,7 +143,7 @@ SPOILED = {
     "a hand before the lens": "of the video's motion caused no events",
     "someone walks by": "of the events are where, or when, nothing moves",
     "a storm": "of the events are where, or when, nothing moves",
-    "50 Hz of noise": r"5\d Hz of noise per pixel",
+    "12 Hz of noise": r"1[1-4] Hz of noise per pixel",
     "50% out of view": "is part of it out of view, or hidden",
     "75% out of view": "is part of it out of view, or hidden",
     "99% out of view": "too few pixels see the screen",
