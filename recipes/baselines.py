@@ -65,7 +65,6 @@ def _results(
     yield "HATS + SVM", _hats(train, test, labels, truth)
     histograms = hots(train, test, sensor_size, seed)
     yield "HOTS + histogram distance", {"accuracy": accuracy(_nearest(*histograms, labels) == truth)}
-    # last, because features are changed in place
     yield "HOTS + SVM", _by_svm(*histograms, labels, truth)
 
 
@@ -141,7 +140,7 @@ def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, floa
 
 
 def _prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Subtract the mean of the training set in place, and divide by the root of the sum of its variances.
+    """Subtract the mean of the training set, and divide by the root of the sum of its variances.
 
     The weights of an SVM are linear combinations of the training features. If these are few, and fewer than their
     dimensions, coordinates in their span take the place of features.
@@ -150,8 +149,8 @@ def _prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarr
     # some rows at a time, because their squares in float64 need twice the memory
     squares = sum(np.square(rows, dtype=np.float64).sum() for rows in np.array_split(train, 50))
     size = np.sqrt(squares / len(train) - mean @ mean)
+    train, test = (part - mean.astype(part.dtype) for part in (train, test))
     for part in (train, test):
-        part -= mean.astype(part.dtype)
         part /= part.dtype.type(size)
     if len(train) < min(train.shape[1], COMPARED):
         axes, coordinates = np.linalg.qr(train.T.astype(np.float64))

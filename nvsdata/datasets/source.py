@@ -21,6 +21,8 @@ COMPARED = 3  # random folders of an index that are compared with the disk
 MANY_FILES = 2_000  # number of files from which an index is written
 SETTLED_NS = 2_000_000_000  # a folder that changed more recently may change again without a new modification time
 CACHE_TAG = "CACHEDIR.TAG"  # marks folders of caches, by a convention of backup programs
+# in no listing's names joined by slashes: empty and hidden names, . and .., and what no name contains
+UNLISTED = {"//", "/.", "\0", os.sep} - {"/"}
 DEEPEST = 8  # levels of folders, in case links form a cycle
 
 Listing = dict[str, list[str]]
@@ -99,10 +101,9 @@ def _visible(names: Iterable[str]) -> list[str]:
 def _is_listed(folder: str, names: list[str]) -> bool:
     """Return whether an entry of an index is valid: its folder is below the root, and its files are in the folder."""
     parts = [] if folder == "." else folder.split("/")
-    # searches of one text, because there may be 100,000 names; hidden ones are in no index, . and .. lead elsewhere
+    # searches of one text, because there may be 100,000 names
     text = "/".join(("", *parts, *names, ""))
-    separators = text.count("/") + (text.count(os.sep) if os.sep != "/" else 0)
-    return separators == len(parts) + len(names) + 1 and not any(part in text for part in ("//", "/.", "\0"))
+    return text.count("/") == len(parts) + len(names) + 1 and not any(wrong in text for wrong in UNLISTED)
 
 
 class Folder:

@@ -23,6 +23,12 @@ struct Metric {
     double radius, alpha, beta;
     i64 k;
     double limit() const { return radius * radius; }
+    // Squared distance that the largest difference in time adds. It is rounded like a distance, because at exactly the
+    // radius the last bit decides.
+    double most_in_time(Span<const i64> t) const {
+        double span = t.empty() ? 0 : double(minus(t.back(), t[0]));
+        return beta * (span * span);
+    }
 };
 
 // Sources of each event, at most k and ascending: their number, and a row of indices with room for one more.
@@ -115,9 +121,7 @@ public:
 
     void run() {
         double alpha = metric_.alpha, limit = metric_.limit();
-        double span = t_.empty() ? 0 : double(minus(t_[t_.size() - 1], t_[0]));
-        // rounded like a distance, because at exactly the radius the last bit decides
-        slack_ = metric_.beta * (span * span);
+        slack_ = metric_.most_in_time(t_);
         i64 furthest = 0, blur = 0;
         if (alpha > 0) {
             furthest = i64(std::min(std::floor(limit / alpha * (1 + ROUNDING)), double(FAR)));
@@ -451,8 +455,7 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
     if (alpha > 0 && beta > 0 && limit / beta < 1e36 && limit / alpha < 1e8) {
         i64 reach = i64(std::sqrt(limit / beta * (1 + ROUNDING))) + 1;
         Pairs pairs = pairs_in_time(t, reach);
-        double span = double(minus(t[n - 1], t[0]));
-        double factor = beta * (span * span) >= alpha ? double(MIXED) : 1;
+        double factor = metric.most_in_time(t) >= alpha ? double(MIXED) : 1;
         swept = double(pairs.all) <= factor * double(sweep_below) * double(n);
         if (swept) sweep(t, x, y, metric, reach, pairs, sources, interrupt);
     }
