@@ -103,7 +103,9 @@ def test_a_good_recording_has_nothing_odd(lab_of_one, video, right, tmp_path):
     assert doubts == []
     # the camera is of PIX2NVS's own kind here
     assert 0.5 < found.scale < 1.5
-    assert (found.gap, found.hidden) == (0, 0)
+    assert found.hidden == 0
+    # a busy machine shows frames late, which then fall into the next bin of 50 ms
+    assert found.gap <= 50 + span.take.performance.wrong
     assert found.stray < 0.05
     assert found.noise == pytest.approx(0.5, rel=0.3)
     # where scenes.CORNERS say, seen from the middle of the outermost pixels
