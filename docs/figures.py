@@ -66,7 +66,8 @@ def growth() -> list[tuple[str, ...]]:
 
 def accuracy(table: str) -> list[tuple[str, ...]]:
     """Return a row for each group of runs in a table of `accuracy.json`, after a head."""
-    rows = [("network", "seeds", "validation", "test: one window", "test: vote", "minutes per run", "commit")]
+    head = ("network", "seeds", "validation", "test: one window", "test: vote")
+    rows = [(*head, "minutes per run", "ms per window", "commit")]
     for name, runs in json.loads(ACCURACY.read_bytes())[table].items():
         row = [
             name,
@@ -75,6 +76,7 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
             _with_intervals([run["window"] for run in runs]),
             _with_intervals([run["vote"] for run in runs]) if runs[0]["windows"] > 1 else "",
             f"{mean(run['minutes'] for run in runs):.1f}",
+            f"{mean(ms):.1f}" if (ms := [run["window_ms"] for run in runs if "window_ms" in run]) else "",
             ", ".join(dict.fromkeys(run["commit"][:8] for run in runs)),
         ]
         rows.append(tuple(row))
@@ -127,6 +129,7 @@ def _run(folder: Path) -> dict[str, Any]:
             "tested_on": report["tested_on"],
             "recordings": report["recordings"],
             "windows": report["windows"],
+            "window_ms": run["window_ms"],
             "epoch": run["epoch"],
             "epoch_chosen_by": run["epoch_chosen_by"],
             "minutes": round(sum(line["seconds"] for line in lines) / 60, 2),

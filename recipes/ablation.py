@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -40,9 +39,8 @@ from nvsdata import models, plots
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
 from nvsdata.common.text import aligned
-from nvsdata.data.batching import collate
 from nvsdata.metrics.seeds import by_settings, points_apart, spread
-from nvsdata.training import Team, TrainTestSplit, loader, run, votes
+from nvsdata.training import Team, TrainTestSplit, loader, run, votes, window_ms
 from nvsdata.training.objects import BATCH, Objects
 from nvsdata.transforms.events.sampling import LITERAL_BETA
 
@@ -189,19 +187,6 @@ def label_of(changes: dict[str, Any]) -> str:
     own = Objects(DATASET).settings
     differ = {name: value for name, value in sorted(changes.items()) if value != own[name]}
     return ", ".join(f"{name} {value}" for name, value in differ.items()) or "default"
-
-
-@torch.no_grad()
-def window_ms(model: torch.nn.Module, test_set: Any) -> float:
-    """Return the time in ms from a recording to the class of a window, on one core: the median of 100 recordings."""
-    model.eval()
-    times = []
-    for index in range(min(100, len(test_set))):
-        began = time.process_time()
-        batch, _ = collate([test_set[index]])
-        model(batch)
-        times.append(time.process_time() - began)
-    return 1e3 * sorted(times)[len(times) // 2]
 
 
 def report(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:

@@ -14,10 +14,10 @@ divided by 10 every 50 epochs; for gestures also PointNet, PointNet++ and LSTM o
 because its classes distinguish the left and the right hand.
 
 The recipe writes to OUT `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
-`nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes and by
-window length, mistakes). --validate 0.1 holds out a tenth of the training recordings: the weights of the epoch with the
-highest accuracy on them are kept. Test recordings are used once, at the end. --resume continues an interrupted run,
-with the same results as without the interruption. --from RUN/report.json --out OTHER repeats a run.
+`nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes, by window
+length and by number of events, mistakes). --validate 0.1 holds out a tenth of the training recordings: the weights of
+the epoch with the highest accuracy on them are kept. Test recordings are used once, at the end. --resume continues an
+interrupted run, with the same results as without the interruption. --from RUN/report.json --out OTHER repeats a run.
 
 Recordings of these datasets weren't available, so it isn't known whether this reaches the accuracies of the thesis
 (docs/models.md).

@@ -13,9 +13,9 @@ CNN (section 4.4.4), which is trained by gradient descent on event images of --i
 the settings of graphs.
 
 The recipe writes to OUT `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
-`nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes and by
-window length, mistakes). --resume continues an interrupted run, with the same results as without the interruption.
---from RUN/report.json --out OTHER repeats a run with its command line, commit and data as reported.
+`nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes, by window
+length and by number of events, mistakes). --resume continues an interrupted run, with the same results as without the
+interruption. --from RUN/report.json --out OTHER repeats a run with its command line, commit and data as reported.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Training of networks with logs, checkpoints and resumption, in one process or several."""
 
 from nvsdata.training.data import TrainTestSplit, data_of, loader
-from nvsdata.training.evaluation import Votes, predict, votes
+from nvsdata.training.evaluation import Votes, predict, votes, window_ms
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team, team
 from nvsdata.training.report import write_report
@@ -22,5 +22,6 @@ __all__ = [
     "team",
     "to_tensorboard",
     "votes",
+    "window_ms",
     "write_report",
 ]

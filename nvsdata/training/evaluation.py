@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
+from statistics import median
 from typing import Any
 
 import torch
 from torch import distributed, nn
 from torch.utils.data import DataLoader
 
+from nvsdata.data.batching import collate
 from nvsdata.metrics.intervals import Accuracy, accuracy
 from nvsdata.models.prediction import vote
 from nvsdata.training.data import loader
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import VALIDATION, Trainer
+
+TIMED = 100  # maximum number of windows whose prediction is timed
 
 
 @torch.no_grad()
@@ -131,6 +136,37 @@ def votes(
     scores, targets = predict(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
     return Votes(voters, targets.chunk(rounds * windows)[0])
+
+
+@torch.no_grad()
+def window_ms(model: nn.Module, dataset: Any, device: torch.device | str = "cpu") -> float:
+    """Measure the CPU time of a prediction, from a recording to the scores of a window.
+
+    Args:
+        model: The network.
+        dataset: Dataset of `(input, target)`, whose samples are read and transformed anew.
+        device: Device of the network (default "cpu").
+
+    Returns:
+        Milliseconds, the median of up to 100 recordings that are spread over the dataset. Waiting for a disk or a GPU
+        doesn't count.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import training
+        >>> dataset = [(torch.zeros(3), 0), (torch.ones(3), 1)]
+        >>> training.window_ms(torch.nn.Linear(3, 2), dataset) < 1_000
+        True
+    """
+    model.eval()
+    times = []
+    count = min(TIMED, len(dataset))
+    for n in range(count):
+        began = time.process_time()
+        batch, _ = collate([dataset[n * len(dataset) // count]])
+        model(batch.to(device))
+        times.append(time.process_time() - began)
+    return 1e3 * median(times)
 
 
 def validation(trainer: Trainer, dataset: Any) -> Callable[[int], dict[str, float]] | None:

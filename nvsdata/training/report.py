@@ -15,15 +15,15 @@ from nvsdata.common.errors import shown
 from nvsdata.common.files import put
 from nvsdata.common.machine import commit, machine
 from nvsdata.metrics import Accuracy
-from nvsdata.training.accuracy_by_window import accuracy_by_length
-from nvsdata.training.evaluation import Votes
+from nvsdata.training.accuracy_by_window import accuracy_by_events, accuracy_by_length
+from nvsdata.training.evaluation import Votes, window_ms
 from nvsdata.training.summary import Mistake, Summary, as_csv, as_json, mistakes_of, summarized
 from nvsdata.training.trainer import Trainer
 from nvsdata.transforms.events.windows import T_VOL
 from nvsdata.transforms.rng import deterministic_rng
 
 REPORT, PREDICTIONS = "report.json", "predictions.csv"
-PICTURES = ("confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "mistakes.png")
+PICTURES = ("confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "events.png", "mistakes.png")
 SHOWN = 48  # maximum number of mistakes on the contact sheet
 
 
@@ -33,7 +33,8 @@ def write_report(
     """Write `report.json`, `predictions.csv` and figures to the folder of the training.
 
     Figures of an earlier report are removed if there are no data for them. `report.json` also describes the run:
-    command line, versions, commit, machine, data, seed, and the epoch whose weights were tested.
+    command line, versions, commit, machine, data, seed, the epoch whose weights were tested, and the CPU time of a
+    prediction.
 
     All processes of a team must call this function; the first one writes.
 
@@ -49,15 +50,17 @@ def write_report(
         >>> found = training.votes(model, batches, windows=5, team=team)  # doctest: +SKIP
         >>> training.write_report(trainer, split.test, transform, found, split.classes)  # doctest: +SKIP
     """
-    by_length = accuracy_by_length(trainer, test, transform)
+    by_length, by_events = (measure(trainer, test, transform) for measure in (accuracy_by_length, accuracy_by_events))
     if trainer.team.rank:
         return
+    speed = round(window_ms(trainer.model, test(transform), trainer.team.device), 3)
     summary, mistakes = summarized(votes), mistakes_of(votes)
     recordings = test(T.RandomWindow(T.window_length(transform) or T_VOL))
-    numbers = as_json(summary, mistakes, by_length, recordings.samples, classes)
-    pictures = _pictures(summary, by_length, classes)
+    accuracy_by = {"window_us": by_length, "events": by_events}
+    numbers = as_json(summary, mistakes, accuracy_by, recordings.samples, classes)
+    pictures = _pictures(summary, by_length, by_events, classes)
     pictures["mistakes.png"] = _sheet(mistakes, recordings, classes) if mistakes else None
-    put(trainer.out / REPORT, json.dumps(_run(trainer) | numbers, indent=1, allow_nan=False).encode())
+    put(trainer.out / REPORT, json.dumps(_run(trainer, speed) | numbers, indent=1, allow_nan=False).encode())
     put(trainer.out / PREDICTIONS, as_csv(votes, recordings.samples, classes).encode())
     for name in PICTURES:
         picture = pictures.get(name)
@@ -69,7 +72,7 @@ def write_report(
     trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} plots")
 
 
-def _run(trainer: Trainer) -> dict[str, Any]:
+def _run(trainer: Trainer, window_ms: float) -> dict[str, Any]:
     """Return a description of a run, so that it can be repeated."""
     chosen = trainer.best[0] if trainer.best else trainer.done
     by = "validation accuracy" if trainer.best else "the number of epochs"
@@ -79,11 +82,14 @@ def _run(trainer: Trainer) -> dict[str, Any]:
         "machine": machine(),
         "epoch": chosen,
         "epoch_chosen_by": by,
+        "window_ms": window_ms,
     }
     return {"run": run, "data": trainer.data, "tested_on": "test"}
 
 
-def _pictures(summary: Summary, by_length: dict[int, Accuracy], classes: Sequence[str]) -> dict[str, np.ndarray | None]:
+def _pictures(
+    summary: Summary, by_length: dict[int, Accuracy], by_events: dict[int, Accuracy], classes: Sequence[str]
+) -> dict[str, np.ndarray | None]:
     rounds, windows, recordings = summary.size
     vote = f"vote of {windows}"
     kinds = ("one window", vote) if windows > 1 else ("one window",)
@@ -104,6 +110,11 @@ def _pictures(summary: Summary, by_length: dict[int, Accuracy], classes: Sequenc
         names = [f"{length / 1000:.3g}" for length in by_length]
         title = "accuracy of one window by its length"
         pictures["lengths.png"] = _chart(list(by_length.values()), names, title, "ms of a window")
+    if by_events:
+        title = "accuracy of one window by the number of its events"
+        pictures["events.png"] = _chart(
+            list(by_events.values()), list(map(str, by_events)), title, "events of a window"
+        )
     return pictures
 
 

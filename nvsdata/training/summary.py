@@ -105,12 +105,13 @@ def mistakes_of(votes: Votes) -> list[Mistake]:
 def as_json(
     summary: Summary,
     mistakes: Sequence[Mistake],
-    by_length: dict[int, Accuracy],
+    accuracy_by: dict[str, dict[int, Accuracy]],
     samples: Sequence[Any],
     classes: Sequence[str],
 ) -> dict[str, Any]:
-    """Return all results with classes by name; undefined values are None. `samples` are those of the test dataset.
+    """Return all results with classes by name; undefined values are None.
 
+    `accuracy_by` are accuracies by a quantity, for the name of each quantity. `samples` are those of the test dataset.
     An accuracy is [value, low, high], with the 95% interval over recordings.
     """
     rounds, windows, recordings = summary.size
@@ -131,7 +132,10 @@ def as_json(
         },
         "calibration": dict(zip(("window", "vote"), map(_bins, summary.calibration), strict=True)),
         "accuracy_by_votes": {str(k): _numbers(found) for k, found in enumerate(summary.by_votes, 1)},
-        "accuracy_by_window_us": {str(length): _numbers(found) for length, found in by_length.items()},
+        **{
+            f"accuracy_by_{quantity}": {str(value): _numbers(found) for value, found in accuracies.items()}
+            for quantity, accuracies in accuracy_by.items()
+        },
         "mistakes": [
             {
                 "recording": samples[mistake.index].name,

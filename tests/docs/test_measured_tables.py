@@ -65,6 +65,7 @@ def test_runs_are_added_with_their_command_and_without_their_folders(tmp_path, m
     (tmp_path / "run").mkdir()
     command = ["recipes/train_objects.py", "--root", "a b", "--out=runs/1", "--seed", "3", "--k", "8"]
     run = {"command": command, "commit": "c" * 40, "machine": "m", "epoch": 2, "epoch_chosen_by": "validation accuracy"}
+    run["window_ms"] = 2.34
     report = {
         "run": run,
         "data": {"hash": "h", "root": "x", "seed": 3},
@@ -80,7 +81,7 @@ def test_runs_are_added_with_their_command_and_without_their_folders(tmp_path, m
     (kept,) = json.loads(figures.ACCURACY.read_bytes())["T"]["row"]
     assert kept["command"] == "train_objects.py --k 8"
     assert kept["split_hashes"] == {"hash": "h"}
-    assert figures.accuracy("T")[1] == ("row", "3", "0.750", "0.500 (0.300 to 0.700)", "", "1.5", "cccccccc")
+    assert figures.accuracy("T")[1] == ("row", "3", "0.750", "0.500 (0.300 to 0.700)", "", "1.5", "2.3", "cccccccc")
     with pytest.raises(ValueError, match="one command line with different seeds"):
         figures.add_runs("T", "row", [tmp_path / "run"] * 2)
 

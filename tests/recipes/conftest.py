@@ -27,9 +27,10 @@ def tested_on(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch):
-    # a report draws few recordings five times, of five lengths, which costs more than training them
+    # a report draws few recordings five times, of five lengths and numbers, which costs more than training them
     monkeypatch.setattr(lengths, "MOST_DRAWS", 1)
     monkeypatch.setattr(lengths, "FACTORS", (0.5, 1.0))
+    monkeypatch.setattr(lengths, "SHARES", (0.5,))
 
 
 @pytest.fixture

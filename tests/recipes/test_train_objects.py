@@ -68,13 +68,13 @@ def report(out):
     return json.loads((out / "report.json").read_text())
 
 
-PICTURES = {"confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "mistakes.png"}
+PICTURES = {f"{name}.png" for name in "confusion classes calibration votes lengths events mistakes".split()}
 
 
 def test_a_training_ends_with_a_report(run, fake_nmnist, tmp_path):
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path, "--epochs", 1, "--votes", 3)
     common = (*common, "--device", "cpu")
-    assert "6 plots" in run("train_objects.py", *common)
+    assert "7 plots" in run("train_objects.py", *common)
     found = report(tmp_path)
     assert (found["recordings"], found["windows"], found["rounds"]) == (20, 3, 5)
     assert found["accuracy"]["vote"][0] == models.load(tmp_path / "model.safetensors").metrics["test_accuracy_votes"]

@@ -1,10 +1,12 @@
-"""Which windows the accuracy by length is of, without a network."""
+"""Windows of which the accuracy is measured by length and by number of events, without a network."""
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
+from nvsdata import Events
 from nvsdata import transforms as T
 from nvsdata.training import Team
 from nvsdata.training import accuracy_by_window as lengths
@@ -115,3 +117,46 @@ def test_of_many_recordings_a_thousand_are_spread(asked):
 def test_without_windows_there_is_nothing_to_tell(asked):
     assert by_length([1_000], T.Compose([T.Points(4)])) == {}
     assert asked == {}
+
+
+class Classifier(torch.nn.Module):
+    """Scores by which class 1 is predicted for windows of more than 40 events."""
+
+    def forward(self, counts):
+        return torch.stack((torch.full_like(counts, 40.5), counts), 1)
+
+
+def counts_of(transform, events=(80, 80, 120)):
+    """Accuracy by number of events, on recordings of class 1 with so many events in 1,000 µs."""
+    kept = [Events(np.linspace(0, 999, n).astype(int), [0] * n, [0] * n, [1] * n, (2, 1)) for n in events]
+
+    class Listed(Recordings):
+        def __getitem__(self, index):
+            return self.transform(kept[self.chosen[index]]), 1
+
+    trainer = SimpleNamespace(model=Classifier(), batch=7, seed=3, team=Team(torch.device("cpu")))
+    return lengths.accuracy_by_events(trainer, lambda changed: Listed(range(len(kept)), changed), transform)
+
+
+def test_windows_have_a_sixteenth_to_all_of_the_usual_events():
+    found = counts_of(T.Compose([T.RandomWindow(1_000), lambda events: torch.tensor(float(len(events)))]))
+    assert {count: of_count.value for count, of_count in found.items()} == {5: 0, 10: 0, 20: 0, 40: 0, 80: 1}
+
+
+def test_windows_end_before_the_next_event():
+    def ends(events):
+        fits = len(events) == 80 or events.end < round(999 * len(events) / 79)
+        return torch.tensor(100.0 * fits)
+
+    found = counts_of(T.Compose([T.RandomWindow(1_000), ends]), events=[80])
+    assert [of_count.value for of_count in found.values()] == [1] * 5
+
+
+def test_each_window_of_a_sample_is_cut():
+    found = counts_of(T.Compose([T.RandomWindows(2, 500), lambda parts: torch.tensor(float(sum(map(len, parts))))]))
+    # up to 20 and 40 of about 40 events per half
+    assert [of_count.value for of_count in found.values()] == [0, 0, 0, 0, 1]
+
+
+def test_without_windows_no_events_are_counted():
+    assert counts_of(T.Compose([T.Points(4)])) == {}

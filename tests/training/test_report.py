@@ -45,7 +45,9 @@ def test_numbers_agree_with_each_other_and_with_the_votes():
     summary, mistakes = summarized(votes), mistakes_of(votes)
     samples = [Sample(f"x/{i}.bin", label) for i, label in enumerate(targets)]
     found = json.loads(
-        json.dumps(as_json(summary, mistakes, {10: Accuracy(0.5, 0.25, 0.75)}, samples, CLASSES), allow_nan=False)
+        json.dumps(
+            as_json(summary, mistakes, {"events": {10: Accuracy(0.5, 0.25, 0.75)}}, samples, CLASSES), allow_nan=False
+        )
     )
 
     assert (found["recordings"], found["windows"], found["rounds"]) == (20, 3, 2)
@@ -89,7 +91,10 @@ def test_a_report_has_every_number_by_name():
     found = as_json(
         summarized(votes),
         mistakes_of(votes),
-        {15: Accuracy(0.25, 0.2, 0.3), 30: metrics.accuracy([0, 1])},
+        {
+            "window_us": {15: Accuracy(0.25, 0.2, 0.3), 30: metrics.accuracy([0, 1])},
+            "events": {7: metrics.accuracy([1])},
+        },
         samples,
         CLASSES,
     )
@@ -102,6 +107,7 @@ def test_a_report_has_every_number_by_name():
     assert found["classes"]["dog"] == {"recordings": 1, "window": one, "vote": none}
     assert found["confusion"] == {"cat": {"owl": 1}, "dog": {"cat": 1}, "owl": {}}
     assert found["accuracy_by_window_us"] == {"15": [0.25, 0.2, 0.3], "30": list(metrics.accuracy([0, 1]))}
+    assert found["accuracy_by_events"] == {"7": list(metrics.accuracy([1]))}
     assert {k: of_k[0] for k, of_k in found["accuracy_by_votes"].items()} == {"1": 0.5, "2": 0.0}
     assert [(m["recording"], m["part_us"], m["true"], m["predicted"], m["wrong_votes"]) for m in found["mistakes"]] == [
         ("a.bin", None, "dog", "cat", 1.0),
@@ -173,13 +179,17 @@ def drawn(monkeypatch):
     return seen
 
 
-def written(out, monkeypatch, capsys, votes, by_length, transform=None):
+def written(out, monkeypatch, capsys, votes, by_length, by_events, transform=None):
     monkeypatch.setattr(report, "accuracy_by_length", lambda *_: by_length)
-    trainer = SimpleNamespace(out=out, team=Team(torch.device("cpu")), best=(2, {}), done=5, data={"seed": 3})
+    monkeypatch.setattr(report, "accuracy_by_events", lambda *_: by_events)
+    monkeypatch.setattr(report, "window_ms", lambda *_: 1.2344)
+    trainer = SimpleNamespace(
+        model=None, out=out, team=Team(torch.device("cpu")), best=(2, {}), done=5, data={"seed": 3}
+    )
     monkeypatch.setattr(Recordings, "samples", Recordings.samples[: len(votes.targets)])
     made = []
-    report.write_report(trainer, lambda cut: made.append(Recordings(cut)) or made[0], transform, votes, CLASSES)
-    return capsys.readouterr().out, made[0].transform
+    report.write_report(trainer, lambda cut: made.append(Recordings(cut)) or made[-1], transform, votes, CLASSES)
+    return capsys.readouterr().out, made[-1].transform
 
 
 def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, drawn):
@@ -191,13 +201,15 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
         capsys,
         votes,
         {7_500: Accuracy(0.5, 0.4, 0.6), 30_000: Accuracy(0.75, 0.7, 0.8)},
+        {80: Accuracy(0.25, 0.2, 0.3)},
         T.RandomWindow(7_000),
     )
     written_report = json.loads((tmp_path / "report.json").read_text())
     assert written_report["data"] == {"seed": 3}
+    assert written_report["run"]["window_ms"] == 1.234
     assert (written_report["run"]["epoch"], written_report["run"]["epoch_chosen_by"]) == (2, "validation accuracy")
-    assert written_report["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by"}
-    assert output == f"report: {tmp_path / 'report.json'}, and 6 plots\n"
+    assert written_report["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by", "window_ms"}
+    assert output == f"report: {tmp_path / 'report.json'}, and 7 plots\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]
     assert (counts.sum(), names, title) == (100, CLASSES, "vote of 3, 50 recordings, 2 votes each")
@@ -209,7 +221,7 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     assert title == "accuracy, 50 recordings, 2 votes each"
     (((one, first), (vote, second)),) = drawn["reliability"][0]
     assert (one, first.counts.sum(), vote, second.counts.sum()) == ("one window", 300, "vote of 3", 100)
-    by_votes, by_length = drawn["points_chart"]
+    by_votes, by_length, by_events = drawn["points_chart"]
     assert by_votes[1:4] == (
         ["1", "2", "3"],
         "accuracy by the number of votes, 50 recordings, 2 votes each",
@@ -219,6 +231,8 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     assert by_votes[4] == [(found.low, found.high) for found in summary.by_votes]
     of = "accuracy of one window by its length"
     assert by_length == ([0.5, 0.75], ["7.5", "30"], of, "ms of a window", [(0.4, 0.6), (0.7, 0.8)])
+    of = "accuracy of one window by the number of its events"
+    assert by_events == ([0.25], ["80"], of, "events of a window", [(0.2, 0.3)])
     assert {path.name for path in tmp_path.iterdir()} == {"report.json", "predictions.csv", *report.PICTURES}
 
 
@@ -226,7 +240,7 @@ def test_pictures_of_nothing_are_removed(tmp_path, monkeypatch, capsys, drawn):
     for name in report.PICTURES:
         (tmp_path / name).write_bytes(b"old")
     votes = votes_of([[[[0.8, 0.1, 0.1]] * 4]], [0] * 4)
-    output, window = written(tmp_path, monkeypatch, capsys, votes, {})
+    output, window = written(tmp_path, monkeypatch, capsys, votes, {}, {})
     assert "and 3 plots" in output
     # as long as a picture of a camera takes
     assert window == T.RandomWindow(33_333)
@@ -240,13 +254,13 @@ def test_a_sheet_of_mistakes_has_the_most_confident_ones(tmp_path, monkeypatch, 
     # all wrong, the last most of all; the first two windows have no scores
     given = [[0.5 - n / 200, 0.5 + n / 200, 0.0] for n in range(60)]
     given[0] = [np.nan] * 3
-    written(tmp_path, monkeypatch, capsys, votes_of([[given]], [0] * 60), {})
+    written(tmp_path, monkeypatch, capsys, votes_of([[given]], [0] * 60), {}, {})
     ((tiles,),) = drawn["captioned_sheet"]
     assert len(tiles) == 48
     assert [int(events.x[0]) for events, _ in tiles] == list(range(59, 11, -1))
     assert tiles[0][1] == ("true: cat", "predicted: dog", "confidence 80%")
     drawn.clear()
-    written(tmp_path, monkeypatch, capsys, votes_of([[given[:2]]], [0, 2]), {})
+    written(tmp_path, monkeypatch, capsys, votes_of([[given[:2]]], [0, 2]), {}, {})
     ((tiles,),) = drawn["captioned_sheet"]
     assert [words for _, words in tiles] == [
         ("true: owl", "predicted: dog", "confidence 50%"),

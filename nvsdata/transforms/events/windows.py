@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -9,7 +10,7 @@ from typing import Any, ClassVar
 from nvsdata.common.validation import microseconds, whole, whole_microseconds
 from nvsdata.data.events import Events, check_window
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.transforms.compose import Compose
+from nvsdata.transforms.compose import Compose, Each
 from nvsdata.transforms.rng import window_start
 
 T_VOL = 33_333  # µs, 1/30 s: duration of each window of a sequence (T_vol in the thesis, section 5.3.1)
@@ -178,6 +179,14 @@ def with_window_length(transform: Any, duration: int) -> Compose:
     steps = _steps(transform)
     at = _required(steps, transform)
     return Compose([*steps[:at], replace(steps[at], duration=duration), *steps[at + 1 :]])
+
+
+def after_window(transform: Any, step: Callable[[Events], Any]) -> Compose:
+    """Return a pipeline with another step right after its random windows, applied to each window."""
+    steps = _steps(transform)
+    at = _required(steps, transform) + 1
+    each = Each(step) if isinstance(steps[at - 1], RandomWindows) else step
+    return Compose([*steps[:at], each, *steps[at:]])
 
 
 def longest_window(transform: Any, sample: Any) -> int:
