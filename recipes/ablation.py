@@ -1,13 +1,15 @@
-"""Ablation study on N-MNIST: the effect of settings of graphs, networks and training on accuracy.
+"""Ablation study: the effect of settings of graphs, networks and training on accuracy.
 
-    python recipes/ablation.py --root N-MNIST --out runs/ablation
-    python recipes/ablation.py --root N-MNIST --out runs/ablation --only k pseudo --seeds 0 --epochs 40 --jobs 2
+    python recipes/ablation.py --dataset n-mnist --root N-MNIST --out runs/ablation
+    python recipes/ablation.py --dataset n-mnist --root N-MNIST --out runs/ablation --only k pseudo --seeds 0 --jobs 2
+    python recipes/ablation.py --dataset n-cars --root n-cars.h5 --out runs/ablation-n-cars --only features
 
-Each group changes one setting of the defaults of `train_objects.py`. Each choice is trained once per seed. A quarter of
-the training recordings is for validation, the same for all; test recordings aren't used. OUT/runs.jsonl contains a line
-of JSON per run: single-window accuracy, accuracy of 5-window voting, ms per window from file to class and minutes of
-training, both on one core. An interrupted study continues with the runs that are missing. Each group becomes a table
-and a chart; OUT/front-window_ms.png and OUT/front-minutes.png show the Pareto fronts of accuracy and cost.
+Each group changes one setting of the defaults of `train_objects.py` for N-MNIST, and of the settings of docs/results.md
+for N-CARS. Each choice is trained once per seed. A quarter of the training recordings is for validation, the same for
+all (see `hold_out` of the datasets); test recordings aren't used. OUT/runs.jsonl contains a line of JSON per run:
+single-window accuracy, accuracy of 5-window voting (N-CARS: of the only window), ms per window from file to class and
+minutes of training, both on one core. An interrupted study continues with the runs that are missing. Each group becomes
+a table and a chart; OUT/front-window_ms.png and OUT/front-minutes.png show the Pareto fronts of accuracy and cost.
 
 A table has means and standard deviations (±) over the seeds. Points are the difference from the defaults in units of
 0.01, the mean over pairs of runs with the same seed, with its 95% interval (Student's). An asterisk marks intervals
@@ -23,7 +25,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import redirect_stdout
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, starmap
 from multiprocessing import active_children, get_context
@@ -44,8 +46,6 @@ from nvsdata.training import Team, TrainTestSplit, loader, run, votes, window_ms
 from nvsdata.training.objects import BATCH, Objects
 from nvsdata.transforms.events.sampling import LITERAL_BETA
 
-DATASET = "n-mnist"
-VOTES, ROUNDS = 5, 5
 VALIDATED = 0.25  # fraction of the training recordings on which settings are compared
 # graph, network and learning rate of the thesis; augmentation and epochs are those of all runs
 THESIS = {
@@ -58,7 +58,8 @@ THESIS = {
     "schedule": "steps",
     "smoothing": 0.0,
 }
-GROUPS: dict[str, dict[str, dict[str, Any]]] = {
+Groups = dict[str, dict[str, dict[str, Any]]]
+N_MNIST: Groups = {
     "default": {"default": {}},
     "k": {f"k = {k}": {"k": k} for k in (1, 2, 4, 8)},
     "metric": {"beta = (5e-6)^2": {}, "beta = 5e-6": {"beta": LITERAL_BETA}},
@@ -100,11 +101,57 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
+N_CARS: Groups = {
+    "default": {"default": {}},
+    "features": {
+        "counts and times": {"features": ()},
+        **{f"counts in {bins} parts": {"features": (f"bins{bins}",)} for bins in (2, 4, 8)},
+    },
+    "resolution": {f"pixels of {side} x {side}": {"downsample": side} for side in (1, 2, 4)},
+    "width": {f"width x {width}": {"width": width} for width in (0.5, 1.0, 2.0)},
+    "augmentation": {"augmented": {}, "as recorded": {"augment": False}},
+    "smoothing": {str(smoothing): {"smoothing": smoothing} for smoothing in (0.0, 0.05)},
+    "convolution": N_MNIST["convolution"],
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """Protocol whose settings are changed, the changes, epochs, votes per recording and repetitions of the votes."""
+
+    base: Objects
+    groups: Groups
+    epochs: int
+    votes: int
+    rounds: int
+
+
+STUDIES = {
+    "n-mnist": Study(Objects("n-mnist"), N_MNIST, epochs=80, votes=5, rounds=5),
+    "n-cars": Study(
+        Objects(
+            "n-cars",
+            nodes="pixels",
+            downsample=2,
+            radius=1.5,
+            kernel_size=3,
+            window=100_000,
+            features=("bins4",),
+        ),
+        N_CARS,
+        epochs=5,
+        votes=1,
+        rounds=1,
+    ),
+}
+
+
 def main() -> None:
     args = arguments()
+    study = STUDIES[args.dataset]
     args.out.mkdir(parents=True, exist_ok=True)
-    data = TrainTestSplit(DATASET, args.root, validate=VALIDATED).data
-    fixed = {"epochs": args.epochs, "batch": BATCH, "defaults": repr(Objects(DATASET).settings)}
+    data = TrainTestSplit(args.dataset, args.root, validate=VALIDATED).data
+    fixed = {"epochs": args.epochs, "batch": BATCH, "defaults": repr(study.base.settings)}
     fixed |= {name: data[name] for name in ("hash", "validation_hash")}
     with Journal(args.out / "runs.jsonl", {"nvsdata-ablation": 1, **fixed}) as journal:
         if {name: journal.head.get(name) for name in fixed} != fixed:
@@ -112,18 +159,18 @@ def main() -> None:
             raise ValueError(f"{journal.path} has runs with other {', '.join(differs)}: choose another folder")
         done = {(line["settings"], line["seed"]) for line in journal.lines}
         wanted = {
-            (label_of(changes), seed): changes
+            (label_of(study, changes), seed): changes
             for seed in args.seeds
             for group in args.only
-            for changes in GROUPS[group].values()
+            for changes in study.groups[group].values()
         }
         waiting = [(changes, seed) for (name, seed), changes in wanted.items() if (name, seed) not in done]
         print(f"{len(wanted) - len(waiting)} runs are done, {len(waiting)} are left")
-        for line in run_all(partial(train_and_test, args.root, args.epochs), waiting, args.jobs):
+        for line in run_all(partial(train_and_test, study, args.root, args.epochs), waiting, args.jobs):
             journal.add(line)
             journal.lines.append(line)
             print(json.dumps(line), flush=True)
-        report(args.out, args.only, journal.lines)
+        report(study, args.out, args.only, journal.lines)
 
 
 def run_all(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
@@ -146,12 +193,12 @@ def run_all(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) 
         pool.shutdown(cancel_futures=True)
 
 
-def train_and_test(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
+def train_and_test(study: Study, root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
     """Train and test with changed settings; return the result as a line for runs.jsonl."""
     torch.set_num_threads(1)
     here = Team(torch.device("cpu"))
-    protocol = replace(Objects(DATASET), **changes)
-    data = TrainTestSplit(DATASET, root, validate=VALIDATED)
+    protocol = replace(study.base, **changes)
+    data = TrainTestSplit(protocol.dataset, root, validate=VALIDATED)
     torch.manual_seed(seed)
     train_set = data.train(protocol.pipeline(training=True))
     known = {"sensor_size": data.sensor_size, "classes": len(data.classes), "data": data.data}
@@ -163,11 +210,12 @@ def train_and_test(root: Path, epochs: int, changes: dict[str, Any], seed: int) 
         last = trainer.fit(train_set)
         minutes = (core_seconds() - began) / 60
     # the windows that vote are spread over the recording
-    ends = [v / VOTES for v in range(VOTES + 1)]
+    ends = [v / study.votes for v in range(study.votes + 1)]
     shares = [data.validation(protocol.pipeline(training=False, within=within)) for within in pairwise(ends)]
-    found = votes(trainer.model, loader(ConcatDataset(shares), BATCH, here, last=ROUNDS), VOTES, here, ROUNDS)
+    batches = loader(ConcatDataset(shares), BATCH, here, last=study.rounds)
+    found = votes(trainer.model, batches, study.votes, here, study.rounds)
     return {
-        "settings": label_of(changes),
+        "settings": label_of(study, changes),
         "seed": seed,
         "one": round(found.single.value, 4),
         "five": round(found.together.value, 4),
@@ -182,27 +230,28 @@ def core_seconds() -> float:
     return sum(os.times()[:4])
 
 
-def label_of(changes: dict[str, Any]) -> str:
+def label_of(study: Study, changes: dict[str, Any]) -> str:
     """Return the settings that differ from the defaults as text."""
-    own = Objects(DATASET).settings
+    own = study.base.settings
     differ = {name: value for name, value in sorted(changes.items()) if value != own[name]}
     return ", ".join(f"{name} {value}" for name, value in differ.items()) or "default"
 
 
-def report(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
+def report(study: Study, out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
     """Print a table and draw a chart of each group, and draw the Pareto fronts of all runs."""
     runs = by_settings(lines, RESULTS)
-    default = runs.get(label_of({}), {"one": {}, "five": {}})
+    default = runs.get(label_of(study, {}), {"one": {}, "five": {}})
     for group in groups:
-        found = {label: runs[label_of(c)] for label, c in GROUPS[group].items() if label_of(c) in runs}
-        rows = [[group, *RESULTS.values(), "points: single", "points: 5 votes", "seeds"]]
+        names = {label: label_of(study, changes) for label, changes in study.groups[group].items()}
+        found = {label: runs[name] for label, name in names.items() if name in runs}
+        rows = [[group, *RESULTS.values(), "points: single", "points: vote", "seeds"]]
         for label, own in found.items():
             apart = ["" if own is default else points_apart(own[kind], default[kind]) for kind in ("one", "five")]
             rows.append([label, *(spread(own[name].values()) for name in RESULTS), *apart, str(len(own["one"]))])
         print(f"\n{aligned(rows)}")
         if len(found) > 1:
             values = [mean(own["five"].values()) for own in found.values()]
-            chart = plots.points_chart(values, list(found), f"{group}: accuracy of 5-window voting", "")
+            chart = plots.points_chart(values, list(found), f"{group}: accuracy of {study.votes}-window voting", "")
             plots.save_png(chart, out / f"{group.replace(' ', '-')}.png")
     for cost, xlabel in (("window_ms", "ms per window"), ("minutes", "minutes of training on one core")):
         points = [(mean(own[cost].values()), mean(own["one"].values())) for own in runs.values()]
@@ -210,26 +259,31 @@ def report(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
         plots.save_png(chart, out / f"front-{cost}.png")
 
 
-RESULTS = {"one": "single", "five": "5 votes", "window_ms": "ms", "minutes": "minutes"}
+RESULTS = {"one": "single", "five": "vote", "window_ms": "ms", "minutes": "minutes"}
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--root", required=True, type=Path, help="folder or packed store of N-MNIST")
+    add("--dataset", required=True, choices=STUDIES, help="dataset")
+    add("--root", required=True, type=Path, help="folder or packed store of the recordings")
     add("--out", required=True, type=Path, help="folder for runs.jsonl and charts")
     add(
         "--only",
         nargs="+",
-        choices=GROUPS,
-        default=list(GROUPS),
         metavar="GROUP",
-        help=f"groups to run, of {', '.join(GROUPS)} (default all)",
+        help="groups to run (default all): "
+        + "; ".join(f"{name}: {', '.join(one.groups)}" for name, one in STUDIES.items()),
     )
     add("--seeds", nargs="+", type=int, default=[0, 1, 2], help="seeds of the trainings (default 0 1 2)")
-    add("--epochs", type=at_least_1, default=80, help="epochs of each run (default 80)")
+    add("--epochs", type=at_least_1, help="epochs of each run (default: n-mnist 80, n-cars 5)")
     add("--jobs", type=at_least_1, default=1, help="number of runs at the same time, on one core each (default 1)")
-    return parser.parse_args()
+    args = parser.parse_args()
+    study = STUDIES[args.dataset]
+    args.only, args.epochs = args.only or list(study.groups), args.epochs or study.epochs
+    if unknown := set(args.only) - study.groups.keys():
+        parser.error(f"--only: no group of {args.dataset} is named {', '.join(sorted(unknown))}")
+    return args
 
 
 if __name__ == "__main__":

@@ -1,10 +1,15 @@
 import json
 import re
+import runpy
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
+from places import RECIPES
 
 import nvsdata
 from nvsdata import training
+from nvsdata.datasets import dataset_named
 
 
 def test_an_ablation_goes_on_where_it_was_and_draws_its_groups(run, many, tmp_path, monkeypatch):
@@ -15,7 +20,7 @@ def test_an_ablation_goes_on_where_it_was_and_draws_its_groups(run, many, tmp_pa
         return given[-1]
 
     monkeypatch.setattr(training, "votes", noted)
-    flags = ["--root", many, "--out", tmp_path, "--only", "metric", "--seeds", 0, "--epochs", 1]
+    flags = ["--dataset", "n-mnist", "--root", many, "--out", tmp_path, "--only", "metric", "--seeds", 0, "--epochs", 1]
     assert "0 runs are done, 2 are left" in run("ablation.py", *flags)
     head, *lines = map(json.loads, (tmp_path / "runs.jsonl").read_text().splitlines())
     assert head["epochs"] == 1
@@ -48,3 +53,22 @@ def test_an_ablation_goes_on_where_it_was_and_draws_its_groups(run, many, tmp_pa
     assert (len(beta), beta[1], beta[5], beta[-1]) == (8, "0.580 ± 0.090", "-2.0 (-4.5 to +0.5)", "3")
     with pytest.raises(SystemExit, match="has runs with other epochs"):
         run("ablation.py", *flags[:-1], 2)
+
+
+def test_groups_belong_to_a_dataset(run, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        run("ablation.py", "--dataset", "n-cars", "--root", tmp_path, "--out", tmp_path, "--only", "width", "k")
+    assert "--only: no group of n-cars is named k" in capsys.readouterr().err
+
+
+def test_each_change_has_a_network():
+    ablation = SimpleNamespace(**runpy.run_path(str(RECIPES / "ablation.py")))
+    for study in ablation.STUDIES.values():
+        info = dataset_named(study.base.dataset).info
+        changes = [change for group in study.groups.values() for change in group.values()]
+        names = {ablation.label_of(study, change) for change in changes}
+        for change in changes:
+            protocol = replace(study.base, **change)
+            assert protocol.build(info.sensor_size, len(info.classes)).in_channels > 0
+        assert "default" in names
+        assert len(names) > len(study.groups)
