@@ -4,7 +4,8 @@
 
 A and B are each the folder of a run of `train_objects.py` or `train_actions.py`, or a folder of such folders, for
 example of several seeds. All runs must have the same test recordings. Several runs count as several predictions for
-each recording, and their mean and standard deviation are printed.
+each recording, and their mean and standard deviation are printed. Then the runs of a folder also classify together, by
+the sum of their log-probabilities.
 
 Intervals are 95% intervals over recordings, because windows of one recording are correlated. The test is exact and
 paired by recording: with one vote per recording it is McNemar's. Both are about these trained networks: the variation
@@ -18,13 +19,14 @@ import csv
 import math
 from pathlib import Path
 from statistics import mean, stdev
+from zipfile import BadZipFile
 
 import numpy as np
 
 from nvsdata import FormatError, metrics
 from nvsdata.common.errors import shown
 from nvsdata.training import run
-from nvsdata.training.report import PREDICTIONS
+from nvsdata.training.report import PREDICTIONS, SCORES
 from nvsdata.training.summary import COLUMNS
 
 KINDS = {"Single windows": ("right_windows", "windows"), "Votes": ("right_votes", "votes")}
@@ -36,7 +38,8 @@ def main() -> None:
     parser.add_argument("A", type=Path, help="folder of a run, or of several")
     parser.add_argument("B", type=Path, help="folder of a run, or of several, to compare with")
     args = parser.parse_args()
-    tables = {name: [read(folder) for folder in runs_in(getattr(args, name))] for name in "AB"}
+    folders = {name: runs_in(getattr(args, name)) for name in "AB"}
+    tables = {name: [read(folder) for folder in folders[name]] for name in "AB"}
     recordings = same_recordings({name: getattr(args, name) for name in "AB"}, tables)
     print(f"A: {shown(args.A)}\nB: {shown(args.B)}\n{len(recordings)} test recordings")
     for kind, columns in KINDS.items():
@@ -45,6 +48,12 @@ def main() -> None:
         right = {name: np.concatenate(of_seeds) for name, of_seeds in runs.items()}
         for name in "AB":
             print(f"{name}: {metrics.accuracy(right[name]):.3f}{seeds(runs[name])}")
+        print(verdict(right["A"], right["B"]))
+    if max(map(len, folders.values())) > 1:
+        right = {name: together(folders[name], tables[name], recordings) for name in "AB"}
+        print("\nRuns together")
+        for name in "AB":
+            print(f"{name}: {metrics.accuracy(right[name][0]):.3f}, {len(folders[name])} runs")
         print(verdict(right["A"], right["B"]))
 
 
@@ -96,6 +105,30 @@ def outcomes(rows: Rows, recordings: list[tuple[str, ...]], right: str, count: s
     if len(set(counts)) > 1:
         raise ValueError(f"recordings have different numbers of {count}: {counts.min()} to {counts.max()}")
     return np.arange(counts[0])[:, None] < rights
+
+
+def together(folders: list[Path], tables: list[Rows], recordings: list[tuple[str, ...]]) -> np.ndarray:
+    """Return whether the sum of the log-probabilities of runs is highest for the true class, bool [1, N]."""
+    sums: np.ndarray | float = 0.0
+    for folder, rows in zip(folders, tables, strict=True):
+        scores, targets = scores_of(folder / SCORES, len(rows))
+        at = {recording: i for i, recording in enumerate(rows)}
+        order = [at[recording] for recording in recordings]
+        sums = sums + scores[order]
+    return (np.argmax(sums, 1) == targets[order])[None] & ~np.isnan(sums).any(1)
+
+
+def scores_of(path: Path, recordings: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the log-probabilities [N, num_classes] and true classes [N] of a run's test recordings."""
+    try:
+        with np.load(path) as arrays:
+            scores, targets = arrays["scores"], arrays["targets"]
+    except (ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise FormatError(path, f"isn't the {SCORES} of a run: {error}") from None
+    shapes = (scores.shape[:1], scores.ndim, targets.shape)
+    if scores.dtype.kind != "f" or shapes != ((recordings,), 2, (recordings,)):
+        raise FormatError(path, f"scores must be of {recordings} recordings, as {PREDICTIONS} has")
+    return scores, targets
 
 
 def seeds(runs: list[np.ndarray]) -> str:

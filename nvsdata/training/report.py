@@ -1,7 +1,8 @@
-"""Report of a training: numbers in `report.json`, results of each test recording in `predictions.csv`, figures."""
+"""Report of a training: numbers in `report.json`, results of each test recording in two files, figures."""
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -22,7 +23,7 @@ from nvsdata.training.trainer import Trainer
 from nvsdata.transforms.events.windows import T_VOL
 from nvsdata.transforms.rng import deterministic_rng
 
-REPORT, PREDICTIONS = "report.json", "predictions.csv"
+REPORT, PREDICTIONS, SCORES = "report.json", "predictions.csv", "scores.npz"
 PICTURES = ("confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "events.png", "mistakes.png")
 SHOWN = 48  # maximum number of mistakes on the contact sheet
 
@@ -30,7 +31,10 @@ SHOWN = 48  # maximum number of mistakes on the contact sheet
 def write_report(
     trainer: Trainer, test: Callable[[Any], Any], transform: Any, votes: Votes, classes: Sequence[str]
 ) -> None:
-    """Write `report.json`, `predictions.csv` and figures to the folder of the training.
+    """Write `report.json`, `predictions.csv`, `scores.npz` and figures to the folder of the training.
+
+    `scores.npz` has `scores`, float32 [N, num_classes], log-probabilities averaged over all windows of a recording, and
+    `targets`, int64 [N], in the order of `predictions.csv`.
 
     Figures of an earlier report are removed if there are no data for them. `report.json` also describes the run:
     command line, versions, commit, machine, data, seed, the epoch whose weights were tested, and the CPU time of a
@@ -62,6 +66,7 @@ def write_report(
     pictures["mistakes.png"] = _sheet(mistakes, recordings, classes) if mistakes else None
     put(trainer.out / REPORT, json.dumps(_run(trainer, speed) | numbers, indent=1, allow_nan=False).encode())
     put(trainer.out / PREDICTIONS, as_csv(votes, recordings.samples, classes).encode())
+    put(trainer.out / SCORES, _scores(votes))
     for name in PICTURES:
         picture = pictures.get(name)
         if picture is None:
@@ -70,6 +75,12 @@ def write_report(
             plots.save_png(picture, trainer.out / name)
     count = sum(p is not None for p in pictures.values())
     trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} plots")
+
+
+def _scores(votes: Votes) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, scores=votes.voters.mean((0, 1)).float().numpy(), targets=votes.targets.numpy())
+    return file.getvalue()
 
 
 def _run(trainer: Trainer, window_ms: float) -> dict[str, Any]:

@@ -9,12 +9,15 @@ from scipy import stats
 from nvsdata.training.summary import COLUMNS
 
 
-def write(folder, right, votes=1, windows=(0, 5), names=None):
-    """A run's predictions, given the number of right votes of each recording."""
+def write(folder, right, votes=1, windows=(0, 5), names=None, sure=1.0):
+    """A run's predictions, given the number of right votes of each recording, all with one log-probability."""
     folder.mkdir(parents=True)
     names = names or [f"cat/{n}.bin" for n in range(len(right))]
     rows = [f"{name},,cat,cat,{n},{votes},{windows[0]},{windows[1]}" for name, n in zip(names, right, strict=True)]
     (folder / "predictions.csv").write_text("\n".join([",".join(COLUMNS), *rows, ""]))
+    # class 1 is the true one
+    scores = sure * np.eye(2, dtype=np.float32)[[int(n > votes / 2) for n in right]]
+    np.savez(folder / "scores.npz", scores=scores, targets=np.ones(len(right), int))
     return folder
 
 
@@ -44,6 +47,39 @@ def test_seeds_are_averaged_and_compared_with_fewer(run, tmp_path):
     assert "A: 0.500 (" in votes
     assert "), 3 runs: mean 0.500, standard deviation 0.250\n" in votes
     assert "B is better by 50.0 points" in votes
+
+
+def test_runs_classify_together(run, tmp_path):
+    names = ["cat/2.bin", "cat/0.bin", "cat/1.bin", "cat/3.bin"]
+    write(tmp_path / "a/0", [1, 1, 0, 0])
+    # as sure as the two others: right for 0 and 3
+    write(tmp_path / "a/1", [0, 1, 0, 1], names=names, sure=2.5)
+    write(tmp_path / "a/2", [1, 0, 1, 0])
+    output = run("compare_runs.py", tmp_path / "a", write(tmp_path / "b", [1, 1, 1, 1]))
+    together = output[output.index("Runs together") :]
+    assert "A: 0.500 (" in together
+    assert "), 3 runs\n" in together
+    assert "B: 1.000 (" in together
+    assert "B is better by 50.0 points" in together
+
+
+@pytest.mark.parametrize(
+    ("arrays", "reason"),
+    [
+        ({"scores": np.ones((3, 2), np.float32)}, "isn't the scores.npz of a run"),
+        ({"scores": np.ones((2, 2), np.float32), "targets": np.zeros(3, int)}, "scores must be of 3 recordings"),
+        ({"scores": np.ones((3, 2), int), "targets": np.zeros(3, int)}, "scores must be of 3 recordings"),
+        ({"scores": np.array([object()]), "targets": np.zeros(3, int)}, "isn't the scores.npz of a run"),
+        (None, "isn't the scores.npz of a run"),
+    ],
+)
+def test_damaged_scores_are_refused(run, tmp_path, arrays, reason):
+    a, b = (write(tmp_path / "a" / name, [1, 1, 0]) for name in "01")
+    if arrays is None:
+        (b / "scores.npz").write_bytes((b / "scores.npz").read_bytes()[:-30])
+    else:
+        np.savez(b / "scores.npz", **arrays)
+    assert f"{b / 'scores.npz'}: {reason}" in refused(run, tmp_path / "a", a)
 
 
 def refused(run, *folders):
