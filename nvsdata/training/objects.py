@@ -214,7 +214,9 @@ class Objects:
             # a digit's mirror image is not a digit
             return [T.RandomAffine((0.85, 1.1), degrees=15, shift=2, shear=0.1, stretch=0.1), T.DropEvents(0.4)]
         if self.dataset in CROPS:
-            return [T.RandomAffine((0.85, 1.15), 5, shift=6, stretch=0.15), T.RandomFlip(0), T.DropEvents(0.4)]
+            # EventDrop (Gu et al. 2021): single events, an interval or a rectangle
+            drop = T.RandomChoice([T.DropEvents(0.6), T.DropByTime(0.25), T.DropByArea(0.2)])
+            return [T.RandomTranslate(6), T.RandomFlip(0), T.RandomApply(drop, 0.75)]
         return [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
