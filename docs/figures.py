@@ -76,7 +76,7 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
             _with_intervals([run["window"] for run in runs]),
             _with_intervals([run["vote"] for run in runs]) if runs[0]["windows"] > 1 else "",
             f"{mean(run['minutes'] for run in runs):.1f}",
-            f"{mean(ms):.1f}" if (ms := [run["window_ms"] for run in runs if "window_ms" in run]) else "",
+            _milliseconds([run.get("window_ms") for run in runs]),
             ", ".join(dict.fromkeys(run["commit"][:8] for run in runs)),
         ]
         rows.append(tuple(row))
@@ -98,6 +98,11 @@ def ablation(study: str) -> list[tuple[str, ...]]:
         apart = ["", ""] if settings == DEFAULT else apart
         rows.append((settings, *means, *apart, f"{mean(found['minutes'].values()):.1f}"))
     return [head, *sorted(rows, key=lambda row: (row[0] != DEFAULT, row[0]))]
+
+
+def _milliseconds(times: list[float | None]) -> str:
+    known = [one for one in times if one is not None]
+    return f"{mean(known):.1f}" if len(known) == len(times) else ""
 
 
 def _with_intervals(accuracies: list[list[float]]) -> str:
@@ -129,7 +134,7 @@ def _run(folder: Path) -> dict[str, Any]:
             "tested_on": report["tested_on"],
             "recordings": report["recordings"],
             "windows": report["windows"],
-            "window_ms": run["window_ms"],
+            "window_ms": run.get("window_ms"),
             "epoch": run["epoch"],
             "epoch_chosen_by": run["epoch_chosen_by"],
             "minutes": round(sum(line["seconds"] for line in lines) / 60, 2),

@@ -107,7 +107,7 @@ N_CARS: Groups = {
         "counts and times": {"features": ()},
         **{f"counts in {bins} parts": {"features": (f"bins{bins}",)} for bins in (2, 4, 8)},
     },
-    "resolution": {f"pixels of {side} x {side}": {"downsample": side} for side in (1, 2, 4)},
+    "resolution": {f"pixels of {side} x {side}": {"downsample": side} for side in (1, 2)},
     "width": {f"width x {width}": {"width": width} for width in (0.5, 1.0, 2.0)},
     "augmentation": {"augmented": {}, "as recorded": {"augment": False}},
     "smoothing": {str(smoothing): {"smoothing": smoothing} for smoothing in (0.0, 0.05)},

@@ -4,8 +4,8 @@
 
 A and B are each the folder of a run of `train_objects.py` or `train_actions.py`, or a folder of such folders, for
 example of several seeds. All runs must have the same test recordings. Several runs count as several predictions for
-each recording, and their mean and standard deviation are printed. Then the runs of a folder also classify together, by
-the sum of their log-probabilities.
+each recording, and their mean and standard deviation are printed. Then the runs of a folder are compared as an
+ensemble, which votes by the sum of their log-probabilities.
 
 Intervals are 95% intervals over recordings, because windows of one recording are correlated. The test is exact and
 paired by recording: with one vote per recording it is McNemar's. Both are about these trained networks: the variation
@@ -50,11 +50,7 @@ def main() -> None:
             print(f"{name}: {metrics.accuracy(right[name]):.3f}{seeds(runs[name])}")
         print(verdict(right["A"], right["B"]))
     if max(map(len, folders.values())) > 1:
-        right = {name: together(folders[name], tables[name], recordings) for name in "AB"}
-        print("\nRuns together")
-        for name in "AB":
-            print(f"{name}: {metrics.accuracy(right[name][0]):.3f}, {len(folders[name])} runs")
-        print(verdict(right["A"], right["B"]))
+        print(f"\nEnsembles\n{ensembles(folders, tables, recordings)}")
 
 
 def runs_in(folder: Path) -> list[Path]:
@@ -107,28 +103,38 @@ def outcomes(rows: Rows, recordings: list[tuple[str, ...]], right: str, count: s
     return np.arange(counts[0])[:, None] < rights
 
 
-def together(folders: list[Path], tables: list[Rows], recordings: list[tuple[str, ...]]) -> np.ndarray:
-    """Return whether the sum of the log-probabilities of runs is highest for the true class, bool [1, N]."""
-    sums: np.ndarray | float = 0.0
-    for folder, rows in zip(folders, tables, strict=True):
-        scores, targets = scores_of(folder / SCORES, len(rows))
-        at = {recording: i for i, recording in enumerate(rows)}
-        order = [at[recording] for recording in recordings]
-        sums = sums + scores[order]
-    return (np.argmax(sums, 1) == targets[order])[None] & ~np.isnan(sums).any(1)
+def ensembles(folders: dict[str, list[Path]], tables: dict[str, list[Rows]], recordings: list[tuple[str, ...]]) -> str:
+    """Return the accuracies of the runs of A as an ensemble and of those of B, and their difference, as text."""
+    paths = {name: [folder / SCORES for folder in folders[name]] for name in "AB"}
+    if missing := [path for path in (*paths["A"], *paths["B"]) if not path.is_file()]:
+        return f"not compared: {missing[0]} doesn't exist (the run is of an earlier version)"
+    known = scores_of(paths["A"][0], tables["A"][0], recordings)
+    lines, right = [], {}
+    for name in "AB":
+        total = np.zeros_like(known[0])
+        for path, rows in zip(paths[name], tables[name], strict=True):
+            scores, targets = scores_of(path, rows, recordings)
+            if scores.shape != total.shape or not np.array_equal(targets, known[1]):
+                raise FormatError(path, f"has other rounds or classes than {paths['A'][0]}")
+            total += scores
+        right[name] = (total.argmax(2) == targets) & ~np.isnan(total).any(2)
+        lines.append(f"{name}: {metrics.accuracy(right[name]):.3f}, number of networks: {len(paths[name])}")
+    return "\n".join([*lines, verdict(right["A"], right["B"])])
 
 
-def scores_of(path: Path, recordings: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the log-probabilities [N, num_classes] and true classes [N] of a run's test recordings."""
+def scores_of(path: Path, rows: Rows, recordings: list[tuple[str, ...]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the log-probabilities [rounds, N, num_classes] and true classes [N] of a run, in order of `recordings`."""
     try:
         with np.load(path) as arrays:
             scores, targets = arrays["scores"], arrays["targets"]
-    except (ValueError, KeyError, EOFError, BadZipFile) as error:
+    except (ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
         raise FormatError(path, f"isn't the {SCORES} of a run: {error}") from None
-    shapes = (scores.shape[:1], scores.ndim, targets.shape)
-    if scores.dtype.kind != "f" or shapes != ((recordings,), 2, (recordings,)):
-        raise FormatError(path, f"scores must be of {recordings} recordings, as {PREDICTIONS} has")
-    return scores, targets
+    count = len(rows)
+    if scores.ndim != 3 or scores.shape[1] != count or targets.shape != (count,) or scores.dtype.kind != "f":
+        raise FormatError(path, f"scores must be of {count} recordings, as {PREDICTIONS} has")
+    at = {recording: i for i, recording in enumerate(rows)}
+    order = [at[recording] for recording in recordings]
+    return scores[:, order].astype(np.float64), targets[order]
 
 
 def seeds(runs: list[np.ndarray]) -> str:

@@ -8,10 +8,12 @@ from functools import partial
 from statistics import median
 from typing import Any, ClassVar
 
+import numpy as np
 from torch.utils.data import ConcatDataset
 
 from nvsdata import transforms as T
 from nvsdata.data.events import Events
+from nvsdata.datasets import SeededDataset
 from nvsdata.metrics.intervals import Accuracy, accuracy
 from nvsdata.training.data import loader
 from nvsdata.training.evaluation import correct, predict
@@ -22,8 +24,8 @@ FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # window lengths, as multiples of the leng
 WINDOWS = 1_000  # maximum number of windows of each length, so that reports on large datasets are fast
 MOST_DRAWS = 5  # maximum number of windows per recording, if there are fewer recordings than WINDOWS
 MEASURED = 8  # number of recordings whose durations are compared
-SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1)  # numbers of events, as fractions of the median number in a window
-COUNTED = 100  # number of windows whose events are counted
+FRACTIONS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1)  # numbers of events, as fractions of the median number in a window
+COUNTED = 100  # maximum number of recordings whose windows' events are counted
 
 
 def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: Any) -> dict[int, Accuracy]:
@@ -53,9 +55,9 @@ def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: 
 def accuracy_by_events(trainer: Trainer, test: Callable[[Any], Any], transform: Any) -> dict[int, Accuracy]:
     """Measure the accuracy of single windows as a function of the number of events that are used.
 
-    Windows have the length of the transform, and end before the event that would be one too many. The numbers are a
-    sixteenth to one times the median number of events in such windows. About 1,000 windows are used per number, from
-    recordings spread over the dataset, the same at every call.
+    Windows have the length of the transform, and are cut after that number of events. The numbers are a sixteenth to
+    one times the median number of events in such windows. About 1,000 windows are used per number, from recordings
+    spread over the dataset, the same at every call.
 
     Args:
         trainer: Trainer whose network, seed, batch and processes are used.
@@ -65,24 +67,36 @@ def accuracy_by_events(trainer: Trainer, test: Callable[[Any], Any], transform: 
     Returns:
         Accuracy by the number of events; empty for a transform that cuts no windows.
     """
-    own = T.window_length(transform)
-    if own is None:
+    if T.window_length(transform) is None:
         return {}
-    counted = _spread(test(T.RandomWindow(own)), COUNTED)
-    usual = median(len(counted[i][0]) for i in range(len(counted)))
-    counts = sorted({max(1, round(usual * share)) for share in SHARES})
+    # seeded, because all processes must use the same numbers
+    windows = SeededDataset(_spread(test(after_window(transform, _Counted(), last=True)), COUNTED), trainer.seed)
+    usual = median(np.concatenate([np.atleast_1d(windows[0, i][0]) for i in range(len(windows))]).tolist())
+    counts = sorted({max(1, round(usual * fraction)) for fraction in FRACTIONS})
     return _accuracies(trainer, test, {count: after_window(transform, _Earliest(count)) for count in counts})
 
 
 @dataclass(frozen=True)
+class _Counted:
+    """Return the number of events."""
+
+    deterministic: ClassVar[bool] = True
+
+    def __call__(self, events: Events) -> int:
+        return len(events)
+
+
+@dataclass(frozen=True)
 class _Earliest:
-    """Cut events to the longest window from their start that has at most `count` of them."""
+    """Cut a window after its first `count` events."""
 
     count: int
     deterministic: ClassVar[bool] = True
 
     def __call__(self, events: Events) -> Events:
-        return events if len(events) <= self.count else events.window(events.start, int(events.t[self.count]))
+        if len(events) <= self.count:
+            return events
+        return events[: self.count].window(events.start, int(events.t[self.count - 1]) + 1)
 
 
 def _accuracies(trainer: Trainer, test: Callable[[Any], Any], transforms: dict[int, Any]) -> dict[int, Accuracy]:

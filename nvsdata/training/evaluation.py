@@ -140,16 +140,19 @@ def votes(
 
 @torch.no_grad()
 def window_ms(model: nn.Module, dataset: Any, device: torch.device | str = "cpu") -> float:
-    """Measure the CPU time of a prediction, from a recording to the scores of a window.
+    """Measure the CPU time of a prediction on one core, from a recording to the scores of a window.
 
     Args:
         model: The network.
-        dataset: Dataset of `(input, target)`, whose samples are read and transformed anew.
-        device: Device of the network (default "cpu").
+        dataset: Dataset of `(input, target)`, whose samples are read and transformed again.
+        device: Device of the network (default "cpu"). On a GPU, only the time of the CPU counts.
 
     Returns:
-        Milliseconds, the median of up to 100 recordings that are spread over the dataset. Waiting for a disk or a GPU
-        doesn't count.
+        Milliseconds, the median of up to 100 recordings that are spread over the dataset. Waiting for a disk doesn't
+        count.
+
+    Raises:
+        ValueError: The dataset is empty.
 
     Example:
         >>> import torch
@@ -158,15 +161,25 @@ def window_ms(model: nn.Module, dataset: Any, device: torch.device | str = "cpu"
         >>> training.window_ms(torch.nn.Linear(3, 2), dataset) < 1_000
         True
     """
-    model.eval()
-    times = []
     count = min(TIMED, len(dataset))
-    for n in range(count):
-        began = time.process_time()
-        batch, _ = collate([dataset[n * len(dataset) // count]])
-        model(batch.to(device))
-        times.append(time.process_time() - began)
+    if count == 0:
+        raise ValueError("the dataset is empty, so there is nothing to predict")
+    model.eval()
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        times = [_seconds_of(model, dataset, n * len(dataset) // count, device) for n in range(count)]
+    finally:
+        torch.set_num_threads(threads)
     return 1e3 * median(times)
+
+
+def _seconds_of(model: nn.Module, dataset: Any, index: int, device: torch.device | str) -> float:
+    """Return the CPU time of a prediction."""
+    began = time.process_time()
+    batch, _ = collate([dataset[index]])
+    model(batch.to(device))
+    return time.process_time() - began
 
 
 def validation(trainer: Trainer, dataset: Any) -> Callable[[int], dict[str, float]] | None:

@@ -1,4 +1,4 @@
-"""Report of a training: numbers in `report.json`, results of each test recording in two files, figures."""
+"""Report of a training: `report.json`, `predictions.csv`, `scores.npz` and figures."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def write_report(
 ) -> None:
     """Write `report.json`, `predictions.csv`, `scores.npz` and figures to the folder of the training.
 
-    `scores.npz` has `scores`, float32 [N, num_classes], log-probabilities averaged over all windows of a recording, and
-    `targets`, int64 [N], in the order of `predictions.csv`.
+    `scores.npz` has `scores`, float32 [rounds, N, num_classes], log-probabilities averaged over the windows of a vote,
+    and `targets`, int64 [N], in the order of `predictions.csv`.
 
     Figures of an earlier report are removed if there are no data for them. `report.json` also describes the run:
     command line, versions, commit, machine, data, seed, the epoch whose weights were tested, and the CPU time of a
@@ -43,7 +43,7 @@ def write_report(
     All processes of a team must call this function; the first one writes.
 
     Args:
-        trainer: Trainer of the network, which is run again for windows of other lengths.
+        trainer: Trainer of the network, which is run again for windows of other lengths, and with fewer events.
         test: Function from a transform to the test dataset, such as `TrainTestSplit.test`.
         transform: Transform from a recording to the network's input.
         votes: The network's predictions for the test recordings.
@@ -57,14 +57,14 @@ def write_report(
     by_length, by_events = (measure(trainer, test, transform) for measure in (accuracy_by_length, accuracy_by_events))
     if trainer.team.rank:
         return
-    speed = round(window_ms(trainer.model, test(transform), trainer.team.device), 3)
+    milliseconds = round(window_ms(trainer.model, test(transform), trainer.team.device), 3)
     summary, mistakes = summarized(votes), mistakes_of(votes)
     recordings = test(T.RandomWindow(T.window_length(transform) or T_VOL))
     accuracy_by = {"window_us": by_length, "events": by_events}
     numbers = as_json(summary, mistakes, accuracy_by, recordings.samples, classes)
     pictures = _pictures(summary, by_length, by_events, classes)
     pictures["mistakes.png"] = _sheet(mistakes, recordings, classes) if mistakes else None
-    put(trainer.out / REPORT, json.dumps(_run(trainer, speed) | numbers, indent=1, allow_nan=False).encode())
+    put(trainer.out / REPORT, json.dumps(_run(trainer, milliseconds) | numbers, indent=1, allow_nan=False).encode())
     put(trainer.out / PREDICTIONS, as_csv(votes, recordings.samples, classes).encode())
     put(trainer.out / SCORES, _scores(votes))
     for name in PICTURES:
@@ -79,11 +79,11 @@ def write_report(
 
 def _scores(votes: Votes) -> bytes:
     file = io.BytesIO()
-    np.savez(file, scores=votes.voters.mean((0, 1)).float().numpy(), targets=votes.targets.numpy())
+    np.savez(file, scores=votes.voters.mean(1).float().numpy(), targets=votes.targets.numpy())
     return file.getvalue()
 
 
-def _run(trainer: Trainer, window_ms: float) -> dict[str, Any]:
+def _run(trainer: Trainer, milliseconds: float) -> dict[str, Any]:
     """Return a description of a run, so that it can be repeated."""
     chosen = trainer.best[0] if trainer.best else trainer.done
     by = "validation accuracy" if trainer.best else "the number of epochs"
@@ -93,7 +93,7 @@ def _run(trainer: Trainer, window_ms: float) -> dict[str, Any]:
         "machine": machine(),
         "epoch": chosen,
         "epoch_chosen_by": by,
-        "window_ms": window_ms,
+        "window_ms": milliseconds,
     }
     return {"run": run, "data": trainer.data, "tested_on": "test"}
 
@@ -122,7 +122,7 @@ def _pictures(
         title = "accuracy of one window by its length"
         pictures["lengths.png"] = _chart(list(by_length.values()), names, title, "ms of a window")
     if by_events:
-        title = "accuracy of one window by the number of its events"
+        title = "single-window accuracy by number of events"
         pictures["events.png"] = _chart(
             list(by_events.values()), list(map(str, by_events)), title, "events of a window"
         )

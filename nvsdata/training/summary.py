@@ -111,8 +111,8 @@ def as_json(
 ) -> dict[str, Any]:
     """Return all results with classes by name; undefined values are None.
 
-    `accuracy_by` are accuracies by a quantity, for the name of each quantity. `samples` are those of the test dataset.
-    An accuracy is [value, low, high], with the 95% interval over recordings.
+    `accuracy_by` maps the name of a quantity to the accuracy for each of its values. `samples` are those of the test
+    dataset. An accuracy is [value, low, high], with the 95% interval over recordings.
     """
     rounds, windows, recordings = summary.size
     one, together = (dict(zip(classes, values, strict=True)) for values in summary.classes)

@@ -30,7 +30,7 @@ def _few_draws(monkeypatch):
     # a report draws few recordings five times, of five lengths and numbers, which costs more than training them
     monkeypatch.setattr(lengths, "MOST_DRAWS", 1)
     monkeypatch.setattr(lengths, "FACTORS", (0.5, 1.0))
-    monkeypatch.setattr(lengths, "SHARES", (0.5,))
+    monkeypatch.setattr(lengths, "FRACTIONS", (0.5,))
 
 
 @pytest.fixture

@@ -61,14 +61,23 @@ def test_groups_belong_to_a_dataset(run, tmp_path, capsys):
     assert "--only: no group of n-cars is named k" in capsys.readouterr().err
 
 
-def test_each_change_has_a_network():
+# settings that change the number of weights
+STRUCTURE = {"depth", "kernel_size", "width", "network", "convolution", "features", "root_weight", "pseudo"}
+
+
+def test_only_changes_of_a_network_change_its_weights():
     ablation = SimpleNamespace(**runpy.run_path(str(RECIPES / "ablation.py")))
     for study in ablation.STUDIES.values():
         info = dataset_named(study.base.dataset).info
-        changes = [change for group in study.groups.values() for change in group.values()]
-        names = {ablation.label_of(study, change) for change in changes}
-        for change in changes:
-            protocol = replace(study.base, **change)
-            assert protocol.build(info.sensor_size, len(info.classes)).in_channels > 0
+
+        def weights(protocol, info=info):
+            network = protocol.build(info.sensor_size, len(info.classes))
+            return sum(weight.numel() for weight in network.parameters())
+
+        usual = weights(study.base)
+        for changes in (changes for group in study.groups.values() for changes in group.values()):
+            if not STRUCTURE & changes.keys():
+                assert weights(replace(study.base, **changes)) == usual, changes
+        names = {ablation.label_of(study, changes) for group in study.groups.values() for changes in group.values()}
         assert "default" in names
         assert len(names) > len(study.groups)

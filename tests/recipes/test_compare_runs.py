@@ -17,7 +17,7 @@ def write(folder, right, votes=1, windows=(0, 5), names=None, sure=1.0):
     (folder / "predictions.csv").write_text("\n".join([",".join(COLUMNS), *rows, ""]))
     # class 1 is the true one
     scores = sure * np.eye(2, dtype=np.float32)[[int(n > votes / 2) for n in right]]
-    np.savez(folder / "scores.npz", scores=scores, targets=np.ones(len(right), int))
+    np.savez(folder / "scores.npz", scores=scores[None], targets=np.ones(len(right), int))
     return folder
 
 
@@ -49,26 +49,33 @@ def test_seeds_are_averaged_and_compared_with_fewer(run, tmp_path):
     assert "B is better by 50.0 points" in votes
 
 
-def test_runs_classify_together(run, tmp_path):
+def test_runs_are_an_ensemble(run, tmp_path):
     names = ["cat/2.bin", "cat/0.bin", "cat/1.bin", "cat/3.bin"]
     write(tmp_path / "a/0", [1, 1, 0, 0])
     # as sure as the two others: right for 0 and 3
     write(tmp_path / "a/1", [0, 1, 0, 1], names=names, sure=2.5)
     write(tmp_path / "a/2", [1, 0, 1, 0])
     output = run("compare_runs.py", tmp_path / "a", write(tmp_path / "b", [1, 1, 1, 1]))
-    together = output[output.index("Runs together") :]
-    assert "A: 0.500 (" in together
-    assert "), 3 runs\n" in together
-    assert "B: 1.000 (" in together
-    assert "B is better by 50.0 points" in together
+    ensembles = output[output.index("Ensembles") :]
+    assert "A: 0.500 (" in ensembles
+    assert "), number of networks: 3\n" in ensembles
+    assert "B: 1.000 (" in ensembles
+    assert "B is better by 50.0 points" in ensembles
+    assert "Ensembles" not in run("compare_runs.py", tmp_path / "a/0", tmp_path / "b")
+    (tmp_path / "a/1/scores.npz").unlink()
+    output = run("compare_runs.py", tmp_path / "a", tmp_path / "b")
+    assert f"not compared: {tmp_path / 'a/1/scores.npz'} doesn't exist" in output
 
 
 @pytest.mark.parametrize(
     ("arrays", "reason"),
     [
-        ({"scores": np.ones((3, 2), np.float32)}, "isn't the scores.npz of a run"),
-        ({"scores": np.ones((2, 2), np.float32), "targets": np.zeros(3, int)}, "scores must be of 3 recordings"),
-        ({"scores": np.ones((3, 2), int), "targets": np.zeros(3, int)}, "scores must be of 3 recordings"),
+        ({"scores": np.ones((1, 3, 2), np.float32)}, "isn't the scores.npz of a run"),
+        ({"scores": np.ones((1, 2, 2), np.float32), "targets": np.zeros(3, int)}, "scores must be of 3 recordings"),
+        ({"scores": np.ones((1, 3, 2), int), "targets": np.zeros(3, int)}, "scores must be of 3 recordings"),
+        ({"scores": np.ones((1, 3, 2), np.float32), "targets": np.zeros(3, int)}, "has other rounds or classes than"),
+        ({"scores": np.ones((1, 3, 4), np.float32), "targets": np.ones(3, int)}, "has other rounds or classes than"),
+        ({"scores": np.ones((2, 3, 2), np.float32), "targets": np.ones(3, int)}, "has other rounds or classes than"),
         ({"scores": np.array([object()]), "targets": np.zeros(3, int)}, "isn't the scores.npz of a run"),
         (None, "isn't the scores.npz of a run"),
     ],
@@ -80,6 +87,9 @@ def test_damaged_scores_are_refused(run, tmp_path, arrays, reason):
     else:
         np.savez(b / "scores.npz", **arrays)
     assert f"{b / 'scores.npz'}: {reason}" in refused(run, tmp_path / "a", a)
+    with (b / "scores.npz").open("wb") as file:
+        np.save(file, np.ones(3))
+    assert "isn't the scores.npz of a run" in refused(run, tmp_path / "a", a)
 
 
 def refused(run, *folders):

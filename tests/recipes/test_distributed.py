@@ -13,9 +13,9 @@ from places import RECIPES
 PLOTLESS = """
 import runpy, sys
 from nvsdata.training import accuracy_by_window, report
-assert all(hasattr(accuracy_by_window, name) for name in ("MOST_DRAWS", "FACTORS"))
+assert all(hasattr(accuracy_by_window, name) for name in ("MOST_DRAWS", "FACTORS", "FRACTIONS"))
 assert hasattr(report, "_pictures") and hasattr(report, "_sheet")
-accuracy_by_window.MOST_DRAWS, accuracy_by_window.FACTORS = 1, (0.5, 1.0)
+accuracy_by_window.MOST_DRAWS, accuracy_by_window.FACTORS, accuracy_by_window.FRACTIONS = 1, (0.5, 1.0), (0.5,)
 report._pictures, report._sheet = lambda *_: {{}}, lambda *_: None
 sys.path.insert(0, {recipes!r})
 runpy.run_path({recipes!r} + "/train_objects.py", run_name="__main__")
@@ -46,7 +46,8 @@ def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path)
         assert two["train_accuracy"] == one["train_accuracy"]
     one, two = (json.loads((tmp_path / c / "report.json").read_text()) for c in ("1", "2"))
     assert one.keys() == two.keys()
-    assert one["accuracy_by_window_us"].keys() == two["accuracy_by_window_us"].keys()
+    for quantity in ("accuracy_by_window_us", "accuracy_by_events"):
+        assert one[quantity].keys() == two[quantity].keys()
     one, two = (torch.load(tmp_path / c / "checkpoint.pt", weights_only=True)["model"] for c in ("1", "2"))
     rate = logs[1][0]["learning_rate"]
     # Adam steps by the sign of a gradient where that is all but zero, so a few weights may go another way

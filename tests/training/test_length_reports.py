@@ -120,13 +120,13 @@ def test_without_windows_there_is_nothing_to_tell(asked):
 
 
 class Classifier(torch.nn.Module):
-    """Scores by which class 1 is predicted for windows of more than 40 events."""
+    """Scores by which class 1 is predicted for values above 40.5."""
 
-    def forward(self, counts):
-        return torch.stack((torch.full_like(counts, 40.5), counts), 1)
+    def forward(self, values):
+        return torch.stack((torch.full_like(values, 40.5), values), 1)
 
 
-def counts_of(transform, events=(80, 80, 120)):
+def by_events(transform, events=(80, 80, 120), trainer=TRAINER):
     """Accuracy by number of events, on recordings of class 1 with so many events in 1,000 µs."""
     kept = [Events(np.linspace(0, 999, n).astype(int), [0] * n, [0] * n, [1] * n, (2, 1)) for n in events]
 
@@ -134,29 +134,48 @@ def counts_of(transform, events=(80, 80, 120)):
         def __getitem__(self, index):
             return self.transform(kept[self.chosen[index]]), 1
 
-    trainer = SimpleNamespace(model=Classifier(), batch=7, seed=3, team=Team(torch.device("cpu")))
-    return lengths.accuracy_by_events(trainer, lambda changed: Listed(range(len(kept)), changed), transform)
+    trainer = SimpleNamespace(**vars(trainer) | {"model": Classifier()})
+    found = lengths.accuracy_by_events(trainer, lambda changed: Listed(range(len(kept)), changed), transform)
+    return {count: of_count.value for count, of_count in found.items()}
 
 
 def test_windows_have_a_sixteenth_to_all_of_the_usual_events():
-    found = counts_of(T.Compose([T.RandomWindow(1_000), lambda events: torch.tensor(float(len(events)))]))
-    assert {count: of_count.value for count, of_count in found.items()} == {5: 0, 10: 0, 20: 0, 40: 0, 80: 1}
+    found = by_events(T.Compose([T.RandomWindow(1_000), lambda events: torch.tensor(float(len(events)))]))
+    assert found == {5: 0, 10: 0, 20: 0, 40: 0, 80: 1}
 
 
-def test_windows_end_before_the_next_event():
-    def ends(events):
-        fits = len(events) == 80 or events.end < round(999 * len(events) / 79)
-        return torch.tensor(100.0 * fits)
+def test_windows_have_exactly_so_many_events_and_end_with_them():
+    def exact(events):
+        rate = (len(events) - 1) * 999 / 79
+        return torch.tensor(100.0 * (len(events) in (5, 10, 20, 40, 80) and abs(events.end - rate) <= 1))
 
-    found = counts_of(T.Compose([T.RandomWindow(1_000), ends]), events=[80])
-    assert [of_count.value for of_count in found.values()] == [1] * 5
+    assert by_events(T.Compose([T.RandomWindow(1_000), exact]), events=[80]) == dict.fromkeys((5, 10, 20, 40, 80), 1)
+
+
+def test_events_of_one_moment_are_counted():
+    moment = T.Compose([lambda events: events.of(events.columns._replace(t=events.t * 0)), T.RandomWindow(1_000)])
+    counted = T.Compose([*moment.transforms, lambda events: torch.tensor(float(len(events)))])
+    assert by_events(counted) == {5: 0, 10: 0, 20: 0, 40: 0, 80: 1}
+
+
+def test_steps_before_a_window_change_the_usual_number():
+    every_other = T.Compose([lambda events: events[::2], T.RandomWindow(1_000)])
+    found = by_events(T.Compose([*every_other.transforms, lambda events: torch.tensor(float(len(events)))]))
+    assert list(found) == [2, 5, 10, 20, 40]
+
+
+def test_numbers_of_events_are_the_same_at_every_call():
+    pipeline = T.Compose([T.RandomWindow(500), lambda events: torch.tensor(float(len(events)))])
+    first = by_events(pipeline, events=range(100, 200))
+    torch.manual_seed(1)
+    assert by_events(pipeline, events=range(100, 200)) == first
 
 
 def test_each_window_of_a_sample_is_cut():
-    found = counts_of(T.Compose([T.RandomWindows(2, 500), lambda parts: torch.tensor(float(sum(map(len, parts))))]))
+    found = by_events(T.Compose([T.RandomWindows(2, 500), lambda parts: torch.tensor(float(sum(map(len, parts))))]))
     # up to 20 and 40 of about 40 events per half
-    assert [of_count.value for of_count in found.values()] == [0, 0, 0, 0, 1]
+    assert list(found.values()) == [0, 0, 0, 0, 1]
 
 
 def test_without_windows_no_events_are_counted():
-    assert counts_of(T.Compose([T.Points(4)])) == {}
+    assert by_events(T.Compose([T.Points(4)])) == {}

@@ -181,12 +181,15 @@ def with_window_length(transform: Any, duration: int) -> Compose:
     return Compose([*steps[:at], replace(steps[at], duration=duration), *steps[at + 1 :]])
 
 
-def after_window(transform: Any, step: Callable[[Events], Any]) -> Compose:
-    """Return a pipeline with another step right after its random windows, applied to each window."""
+def after_window(transform: Any, step: Callable[[Events], Any], *, last: bool = False) -> Compose:
+    """Return a pipeline with another step right after its random windows, applied to each window.
+
+    `last` is True to leave out the steps that follow.
+    """
     steps = _steps(transform)
     at = _required(steps, transform) + 1
     each = Each(step) if isinstance(steps[at - 1], RandomWindows) else step
-    return Compose([*steps[:at], each, *steps[at:]])
+    return Compose([*steps[:at], each, *([] if last else steps[at:])])
 
 
 def longest_window(transform: Any, sample: Any) -> int:
