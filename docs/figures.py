@@ -86,17 +86,21 @@ def accuracy(table: str) -> list[tuple[str, ...]]:
 def ablation(study: str) -> list[tuple[str, ...]]:
     """Return a row for each setting of an ablation study, `STUDY.jsonl`, after a head.
 
-    Differences from the defaults are those of `points_apart`.
+    Differences from the defaults are those of `points_apart`. Votes are left out if a single window votes.
     """
-    head = ("changed settings", "one window", "vote", "points from the defaults: one window", "points: vote", "minutes")
     _, *lines = map(json.loads, ACCURACY.with_name(f"{study}.jsonl").read_text().splitlines())
-    runs = by_settings(lines, ("one", "five", "minutes"))
+    kinds = {"one": "one window", "five": "vote"}
+    if all(line["one"] == line["five"] for line in lines):
+        del kinds["five"]
+    runs = by_settings(lines, (*kinds, "minutes", "window_ms"))
     rows = []
     for settings, found in runs.items():
-        means = [spread(found[kind].values()) for kind in ("one", "five")]
-        apart = [points_apart(found[kind], runs[DEFAULT][kind]) for kind in ("one", "five")]
-        apart = ["", ""] if settings == DEFAULT else apart
-        rows.append((settings, *means, *apart, f"{mean(found['minutes'].values()):.1f}"))
+        means = [spread(found[kind].values()) for kind in kinds]
+        apart = ["" if settings == DEFAULT else points_apart(found[kind], runs[DEFAULT][kind]) for kind in kinds]
+        costs = [f"{mean(found[cost].values()):.1f}" for cost in ("minutes", "window_ms")]
+        rows.append((settings, *means, *apart, *costs))
+    points = [f"points from the defaults: {kind}" for kind in kinds.values()]
+    head = ("changed settings", *kinds.values(), *points, "minutes", "ms per window")
     return [head, *sorted(rows, key=lambda row: (row[0] != DEFAULT, row[0]))]
 
 

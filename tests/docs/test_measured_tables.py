@@ -36,11 +36,11 @@ def test_growth_ends_at_the_largest_size():
 @pytest.mark.parametrize("study", ["ablation", "ablation-degree"])
 def test_ablation_studies_compare_runs_of_one_seed(study):
     head, first, *rows = figures.ablation(study)
-    assert (len(head), first[0], first[3:5]) == (6, "default", ("", ""))
+    assert (len(head), first[0], first[3:5]) == (7, "default", ("", ""))
     _, *lines = map(json.loads, figures.ACCURACY.with_name(f"{study}.jsonl").read_text().splitlines())
     runs = {(line["settings"], line["seed"]): line for line in lines}
     assert len(rows) + 1 == len({settings for settings, _ in runs})
-    for settings, one, vote, *differences, _ in rows:
+    for settings, one, vote, *differences, _, _ in rows:
         for cell, difference, kind in ((one, differences[0], "one"), (vote, differences[1], "five")):
             values = [runs[settings, seed][kind] for seed in range(3)]
             assert cell.startswith(f"{mean(values):.3f} ± ")
