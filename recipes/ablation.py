@@ -110,6 +110,7 @@ N_CARS: Groups = {
     "resolution": {f"pixels of {side} x {side}": {"downsample": side} for side in (1, 2)},
     "width": {f"width x {width}": {"width": width} for width in (0.5, 1.0, 2.0)},
     "augmentation": {"augmented": {}, "as recorded": {"augment": False}},
+    "negatives": {str(fraction): {"negatives": fraction} for fraction in (0.0, 0.2, 0.4, 0.6)},
     "smoothing": {str(smoothing): {"smoothing": smoothing} for smoothing in (0.0, 0.05)},
     "convolution": N_MNIST["convolution"],
 }
@@ -200,7 +201,7 @@ def train_and_test(study: Study, root: Path, epochs: int, changes: dict[str, Any
     protocol = replace(study.base, **changes)
     data = TrainTestSplit(protocol.dataset, root, validate=VALIDATED)
     torch.manual_seed(seed)
-    train_set = data.train(protocol.pipeline(training=True))
+    train_set = protocol.training_set(data)
     known = {"sensor_size": data.sensor_size, "classes": len(data.classes), "data": data.data}
     with TemporaryDirectory() as folder, redirect_stdout(None):
         trainer = protocol.trainer(

@@ -39,7 +39,7 @@ from nvsdata.transforms.graphs.edges import PSEUDO
 
 GRAPH = ("nodes", "downsample", "k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
 NETWORK = ("network", "convolution", "depth", "kernel_size", "dropout", "image_size")
-SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "augment", "schedule", "smoothing")
+SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "augment", "negatives", "schedule", "smoothing")
 # number of repetitions of the last evaluation if the test set has fewer than FEW recordings
 ROUNDS, FEW = 5, 1_000
 
@@ -52,7 +52,7 @@ def main() -> None:
         writer = to_tensorboard(args.out, here) if args.tensorboard else None
         data = TrainTestSplit(args.dataset, args.root, seed=args.seed, validate=args.validate, errors=args.errors)
         check_data(args, data, here)
-        train_set, pipeline = data.train(protocol.pipeline(training=True)), protocol.pipeline(training=False)
+        train_set, pipeline = protocol.training_set(data), protocol.pipeline(training=False)
         known = {"sensor_size": data.sensor_size, "classes": len(data.classes), "data": data.data}
         trainer = protocol.trainer(args.out, recordings=len(train_set), team=here, **known, **run_of(args))
         if writer:
@@ -127,6 +127,8 @@ def arguments() -> argparse.Namespace:
         help="features of nodes in addition to polarity (default patch5: numbers of events of 5x5 pixels around it)",
     )
     add("--no-augment", dest="augment", action="store_false", help="train without augmentation")
+    text = "probability that a sample of an object becomes a background by moving its parts (default 0; n-cars)"
+    add("--negatives", type=float, default=0.0, help=text)
     causal = "train a network for event-by-event inference (docs/streaming.md); needs an empty --features"
     add("--causal", action="store_true", help=causal)
     add("--schedule", choices=SCHEDULES, default=SCHEDULES[0], help="schedule of the learning rate (default one-cycle)")

@@ -2,6 +2,7 @@
 
 from nvsdata.training.data import TrainTestSplit, data_of, loader
 from nvsdata.training.evaluation import Votes, predict, votes, window_ms
+from nvsdata.training.negatives import Negatives
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team, team
 from nvsdata.training.report import write_report
@@ -9,6 +10,7 @@ from nvsdata.training.runs import run, to_tensorboard
 from nvsdata.training.trainer import Trainer
 
 __all__ = [
+    "Negatives",
     "Team",
     "TrainTestSplit",
     "Trainer",

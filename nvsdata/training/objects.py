@@ -12,6 +12,8 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.common.validation import positive, probability, whole
 from nvsdata.data.pseudo import Pseudo, axes
+from nvsdata.training.data import TrainTestSplit
+from nvsdata.training.negatives import Negatives
 from nvsdata.training.optimizers import adam, one_cycle, sgd
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
@@ -29,6 +31,7 @@ IMAGE_NETWORKS: dict[str, type[nn.Module]] = {
 }
 NETWORKS = ("rgcnn", "gcnn", *IMAGE_NETWORKS)
 DIGITS = ("n-mnist", "mnist-dvs")
+BACKGROUND = "background"  # class of samples that show none of the objects
 CROPS = ("n-cars",)  # datasets of crops of different sizes, all in one corner of the sensor
 SMALL = "n-mnist"  # dataset with so few events that each event is a node
 # default settings for SMALL, and for all other datasets
@@ -91,6 +94,8 @@ class Objects:
         root_weight: True (default) for root weights; see `RGCNN`.
         shortcut_start: Initial scale of shortcuts (default 0.0); see `RGCNN`.
         augment: True (default) for augmentation of training samples.
+        negatives: Probability that a training sample of another class than "background" becomes one of the background,
+            see `Negatives` (default 0.0).
         schedule: "one-cycle" (default), or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 after 60/150
             and 110/150 of the epochs.
         smoothing: Label smoothing (default 0.05); see `Trainer`.
@@ -128,6 +133,7 @@ class Objects:
     root_weight: bool = True
     shortcut_start: float = 0.0
     augment: bool = True
+    negatives: float = 0.0
     schedule: Literal["one-cycle", "steps"] = "one-cycle"
     smoothing: float = 0.05
     image_size: int = 224
@@ -140,6 +146,7 @@ class Objects:
                 whole(name, getattr(self, name), least)
         positive("width", self.width)
         probability("smoothing", self.smoothing)
+        probability("negatives", self.negatives)
         if self.dropout is not None:
             probability("dropout", self.dropout)
         self._graph()
@@ -203,6 +210,17 @@ class Objects:
             sample = []
         center = [T.Center()] if self.dataset in CROPS else []
         return T.Compose([window, *center, *(self._changes() if changes else []), *smaller, *sample, graph])
+
+    def training_set(self, data: TrainTestSplit) -> Any:
+        """Return the training dataset with augmentation. ValueError if `negatives` need a class that doesn't exist."""
+        pipeline = self.pipeline(training=True)
+        if not self.negatives:
+            return data.train(pipeline)
+        if BACKGROUND not in data.classes:
+            raise ValueError(f"negatives need a class {BACKGROUND!r}, but {data.data['dataset']} has none")
+        dataset = data.train(None)
+        dataset.transforms = Negatives(pipeline, data.classes.index(BACKGROUND), self.negatives)
+        return dataset
 
     def _graph(self) -> T.RadiusGraph:
         metric = self.radius, self.alpha, self.beta
