@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
 from torch.utils.data import Dataset, Sampler, get_worker_info
 
 from nvsdata.common.memory import SharedArray
+from nvsdata.common.validation import whole
+from nvsdata.datasets.order import shuffled
 
 Key = tuple[int, int]
 """Epoch and index of a sample: the index that `SeededBatches` yields and `SeededDataset` takes."""
+
+Remainder = Literal["pad", "drop", "keep"]
 
 PASSES = 64  # number of passes whose epochs are stored, for loaders that are read at the same time
 STEP, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # odd numbers with well-mixed bits
@@ -119,22 +123,33 @@ class SeededDataset(Dataset[Any]):
 class SeededBatches(Sampler[list[Key]]):
     """A `batch_sampler` of the keys (epoch, index) of several epochs, one epoch after the other.
 
-    The last batch of an epoch may be smaller. Workers fetch the next epoch while the current one ends.
+    A batch depends on the arguments, its epoch and its step only, and is computed when it is needed. So a run can continue
+    at any step, with any number of workers and processes. Workers fetch the next epoch while the current one ends.
 
     Args:
-        size: number of samples.
-        batch_size: samples per batch, of all processes together.
-        first: first epoch.
-        last: the epoch after the last one.
-        shuffle: whether each epoch has its own random order.
-        seed: seed of the random orders.
-        part: (rank, count) of this process among `count` processes that divide each batch, in order of rank. A process
-            without samples in a last batch skips that batch.
+        size: Number of samples.
+        batch_size: Samples per batch, of all processes together.
+        first: First epoch (default 0).
+        last: The epoch after the last one (default 1).
+        start: Number of steps of the first epoch to leave out, because they are done (default 0).
+        shuffle: True for a random order in each epoch (default False).
+        seed: Seed of the random orders (default 0).
+        part: (rank, count) of this process among `count` processes that divide each batch, in order of rank (default
+            (0, 1)).
+        remainder: Treatment of the samples that are left for the last batch of an epoch. "pad" (default): the batch is
+            smaller, and samples of the epoch's beginning are added until it is a multiple of `count`, so that all
+            processes have the same number of steps and samples. "drop": leave them out. "keep": the batch has these
+            samples only; if there are fewer than processes, the last of these skip the step.
+
+    Raises:
+        ValueError: A number is out of range.
 
     Example:
-        >>> from nvsdata.datasets import SeededBatches
+        >>> from nvsdata import SeededBatches
         >>> list(SeededBatches(3, 2))
         [[(0, 0), (0, 1)], [(0, 2)]]
+        >>> [list(SeededBatches(3, 2, part=(rank, 2))) for rank in (0, 1)]
+        [[[(0, 0)], [(0, 2)]], [[(0, 1)], [(0, 0)]]]
     """
 
     def __init__(
@@ -144,31 +159,51 @@ class SeededBatches(Sampler[list[Key]]):
         *,
         first: int = 0,
         last: int = 1,
+        start: int = 0,
         shuffle: bool = False,
         seed: int = 0,
         part: tuple[int, int] = (0, 1),
+        remainder: Remainder = "pad",
     ) -> None:
         self.size, self.batch_size = size, batch_size
-        self.first, self.last = first, last
+        self.first, self.last, self.start = first, last, start
         self.shuffle, self.seed = shuffle, seed
         self.rank, self.count = part
+        self.remainder = remainder
+        for name, least in (("size", 0), ("batch_size", 1), ("first", 0), ("start", 0), ("count", 1), ("rank", 0)):
+            whole(name, getattr(self, name), least)
+        if remainder not in get_args(Remainder):
+            raise ValueError(f"remainder must be one of {get_args(Remainder)}, not {remainder!r}")
+        if self.rank >= self.count:
+            raise ValueError(f"part must be (rank, count) with rank < count, not {part}")
+        if self.batch_size % self.count and remainder != "keep":
+            raise ValueError(f"{self.count} processes can't have equal parts of a batch of {self.batch_size}")
+        if start > self.steps:
+            raise ValueError(f"start must be at most {self.steps}, the steps of an epoch, not {start}")
 
     @property
-    def batches(self) -> int:
-        """Batches per epoch."""
-        parts = self._own_part(torch.arange(self.batch_size)), self._own_part(torch.arange(self.size % self.batch_size))
-        return (self.size // self.batch_size) * bool(len(parts[0])) + bool(len(parts[1]))
-
-    def _own_part(self, batch: torch.Tensor) -> torch.Tensor:
-        return batch.tensor_split(self.count)[self.rank]
+    def steps(self) -> int:
+        """Steps per epoch of this process."""
+        full, left = divmod(self.size, self.batch_size)
+        if self.remainder == "keep":
+            # the first processes get one sample more
+            return full * (self.batch_size > self.rank) + (left > self.rank)
+        return full + (left > 0 and self.remainder == "pad")
 
     def __len__(self) -> int:
-        return self.batches * (self.last - self.first)
+        return max(self.steps * (self.last - self.first) - self.start, 0)
 
     def __iter__(self) -> Iterator[list[Key]]:
         for epoch in range(self.first, self.last):
-            generator = torch.Generator().manual_seed(self.seed * 1_000_003 + epoch)
-            order = torch.randperm(self.size, generator=generator) if self.shuffle else torch.arange(self.size)
-            for batch in torch.split(order, self.batch_size):
-                if own := self._own_part(batch).tolist():
-                    yield [(epoch, index) for index in own]
+            for step in range(self.start if epoch == self.first else 0, self.steps):
+                yield self.batch(epoch, step)
+
+    def batch(self, epoch: int, step: int) -> list[Key]:
+        """Return this process's keys of a step."""
+        begin = step * self.batch_size
+        positions = np.arange(begin, min(begin + self.batch_size, self.size))
+        if self.remainder == "pad":
+            positions = np.append(positions, np.arange(-positions.size % self.count) % self.size)
+        own = np.array_split(positions, self.count)[self.rank]
+        order = shuffled(own, self.size, self.seed, epoch) if self.shuffle else own
+        return [(epoch, index) for index in order.tolist()]

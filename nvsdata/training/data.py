@@ -49,7 +49,9 @@ def loader(
     """
     seeded = SeededDataset(dataset, seed)
     part = team.rank, team.count
-    batches = SeededBatches(len(dataset), batch, first=first, last=last, shuffle=shuffle, seed=seed, part=part)
+    batches = SeededBatches(
+        len(dataset), batch, first=first, last=last, shuffle=shuffle, seed=seed, part=part, remainder="keep"
+    )
     return DataLoader(
         seeded,
         batch_sampler=batches,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import gc
 import itertools
+from collections import Counter
 
 import numpy as np
 import pytest
 import torch
 import trees
+from scipy import stats
 from torch.utils.data import DataLoader
 
 import nvsdata
@@ -16,6 +18,7 @@ from nvsdata import NMNIST
 from nvsdata import transforms as T
 from nvsdata.common.memory import SharedArray
 from nvsdata.datasets import SeededBatches, SeededDataset
+from nvsdata.datasets.order import shuffled
 from nvsdata.datasets.seeded import seeded
 from nvsdata.datasets.splits import split_hash, stratified
 
@@ -156,19 +159,94 @@ def test_orders_of_epochs_are_written_down():
     ]
 
 
-ORDERS = [[(1, 2), (1, 1), (1, 0), (1, 5)], [(1, 4), (1, 3)], [(2, 3), (2, 5), (2, 4), (2, 2)], [(2, 1), (2, 0)]]
+ORDERS = [[(1, 4), (1, 0), (1, 1), (1, 5)], [(1, 2), (1, 3)], [(2, 5), (2, 1), (2, 2), (2, 0)], [(2, 3), (2, 4)]]
 
 
 @pytest.mark.parametrize("size", range(8))
 @pytest.mark.parametrize("batch_size", [1, 2, 3, 5])
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_as_many_batches_as_are_told_and_each_sample_once(size, batch_size, count):
-    parts = [SeededBatches(size, batch_size, last=2, part=(rank, count)) for rank in range(count)]
+    settings = {"last": 2, "remainder": "keep"}
+    parts = [SeededBatches(size, batch_size, part=(rank, count), **settings) for rank in range(count)]
     for part in parts:
-        assert len(list(part)) == len(part) == 2 * part.batches
+        assert len(list(part)) == len(part) == 2 * part.steps
         assert all(batch for batch in part)
     keys = sorted(key for part in parts for batch in part for key in batch)
     assert keys == [(epoch, index) for epoch in (0, 1) for index in range(size)]
+
+
+@pytest.mark.parametrize("size", range(1, 14))
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("shuffle", [True, False])
+def test_processes_have_equal_steps(size, count, shuffle):
+    def of_all(remainder):
+        settings = {"last": 2, "shuffle": shuffle, "seed": 3, "remainder": remainder}
+        parts = [list(SeededBatches(size, 2 * count, part=(rank, count), **settings)) for rank in range(count)]
+        assert len({len(part) for part in parts}) == 1
+        return [[key for part in step for key in part] for step in zip(*parts, strict=True)]
+
+    alone = list(SeededBatches(size, 2 * count, last=2, shuffle=shuffle, seed=3))
+    for padded, batch in zip(of_all("pad"), alone, strict=True):
+        assert padded[: len(batch)] == batch
+        assert len(padded) == -(-len(batch) // count) * count
+    assert of_all("drop") == [batch for batch in alone if len(batch) == 2 * count]
+
+
+def test_a_run_continues_at_any_step():
+    settings = {"last": 3, "shuffle": True, "seed": 4}
+    whole = list(SeededBatches(50, 8, **settings))
+    assert whole[7 + 3 :] == list(SeededBatches(50, 8, first=1, start=3, **settings))
+    for done in range(8):
+        rest = SeededBatches(50, 8, start=done, **settings)
+        assert list(rest) == whole[done:]
+        assert len(rest) == len(whole) - done
+    # by other numbers of processes
+    for count in (2, 4):
+        parts = [SeededBatches(50, 8, first=2, start=5, part=(rank, count), **settings) for rank in range(count)]
+        joined = [[key for part in step for key in part] for step in zip(*parts, strict=True)]
+        assert [step[: len(batch)] for step, batch in zip(joined, whole[19:], strict=True)] == whole[19:]
+
+
+def test_a_billion_samples_have_an_order():
+    batches = SeededBatches(10**9, 64, shuffle=True, seed=1)
+    found = [index for step in (0, 1, 10**6, batches.steps - 1) for _, index in batches.batch(0, step)]
+    assert len(set(found)) == len(found) == 64 * 4
+    assert max(found) > 9e8
+    assert min(found) < 1e8
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 10, 101, 4_097])
+def test_an_order_has_each_index_once(size):
+    orders = {tuple(shuffled(np.arange(size), size, seed, epoch)) for seed in range(3) for epoch in range(3)}
+    assert all(sorted(order) == list(range(size)) for order in orders)
+    if size > 9:
+        assert len(orders) == 9
+
+
+def test_orders_are_uniform():
+    counts = Counter(tuple(shuffled(np.arange(4), 4, seed, 0)) for seed in range(4_800))
+    assert len(counts) == 24
+    assert stats.chisquare(list(counts.values())).pvalue > 1e-3
+    order = shuffled(np.arange(20_000), 20_000, 0, 0)
+    assert abs(np.corrcoef(order[1:], order[:-1])[0, 1]) < 0.03
+    assert abs(np.corrcoef(order, np.arange(20_000))[0, 1]) < 0.03
+    # as many places keep their index as by chance, about one
+    assert (order == np.arange(20_000)).sum() < 8
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"batch_size": 0}, "batch_size must be a whole number of at least 1"),
+        ({"start": 4}, "start must be at most 3, the steps of an epoch, not 4"),
+        ({"part": (2, 2)}, r"part must be \(rank, count\) with rank < count"),
+        ({"part": (0, 3)}, "3 processes can't have equal parts of a batch of 4"),
+        ({"remainder": "wrap"}, "remainder must be one of"),
+    ],
+)
+def test_batches_out_of_range(settings, reason):
+    with pytest.raises(ValueError, match=reason):
+        SeededBatches(**{"size": 10, "batch_size": 4} | settings)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int64])

@@ -1,0 +1,62 @@
+"""Random orders whose elements are computed one by one, without a permutation in memory."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+ROUNDS = 8
+WEYL, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # of SplitMix64 (Steele et al. 2014)
+
+
+def shuffled(positions: np.ndarray, size: int, seed: int, epoch: int) -> np.ndarray:
+    """Return the indices at some positions of a random order of 0 to `size` - 1.
+
+    The order is a Feistel network (Black and Rogaway 2002): a number below a x b is two digits, and in each round, a
+    hash of one digit is added to the other. Numbers from `size` on are permuted again until they are below.
+
+    Args:
+        positions: int64 [N], each from 0 to `size` - 1.
+        size: Number of elements.
+        seed: Seed of the order.
+        epoch: Number of the epoch; each has its own order.
+
+    Returns:
+        Indices, int64 [N].
+
+    Example:
+        >>> import numpy as np
+        >>> from nvsdata.datasets.order import shuffled
+        >>> sorted(shuffled(np.arange(5), 5, seed=0, epoch=0).tolist())
+        [0, 1, 2, 3, 4]
+    """
+    high = np.uint64(max(math.isqrt(max(size - 1, 0)) + 1, 1))
+    low = np.uint64(max(-(-size // int(high)), 1))
+    keys = _mixed(np.uint64((seed * FIRST + epoch * SECOND) % 2**64) + np.arange(ROUNDS, dtype=np.uint64))
+    found = np.array(positions, np.uint64)
+    left = np.arange(found.size)
+    while left.size:
+        found[left] = _permuted(found[left], high, low, keys)
+        left = left[found[left] >= size]
+    return found.astype(np.int64)
+
+
+def _permuted(numbers: np.ndarray, high: np.uint64, low: np.uint64, keys: np.ndarray) -> np.ndarray:
+    """Return a permutation of the numbers below `high` x `low`."""
+    first, second = np.divmod(numbers, low)
+    for number, key in enumerate(keys):
+        if number % 2:
+            second = (second + _mixed(first + key) % low) % low
+        else:
+            first = (first + _mixed(second + key) % high) % high
+    permuted: np.ndarray = first * low + second
+    return permuted
+
+
+def _mixed(numbers: np.ndarray) -> np.ndarray:
+    """Return well-mixed 64-bit numbers (SplitMix64)."""
+    mixed = numbers + np.uint64(WEYL)
+    for shift, factor in ((30, FIRST), (27, SECOND)):
+        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
+    return mixed ^ (mixed >> np.uint64(31))
