@@ -123,8 +123,9 @@ class SeededDataset(Dataset[Any]):
 class SeededBatches(Sampler[list[Key]]):
     """A `batch_sampler` of the keys (epoch, index) of several epochs, one epoch after the other.
 
-    A batch depends on the arguments, its epoch and its step only, and is computed when it is needed. So a run can continue
-    at any step, with any number of workers and processes. Workers fetch the next epoch while the current one ends.
+    A batch depends on the arguments, its epoch and its step only, and is computed when it is needed. So a run can
+    continue at any step, with any number of workers and processes. Workers fetch the next epoch while the current one
+    ends.
 
     Args:
         size: Number of samples.
