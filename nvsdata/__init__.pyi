@@ -19,6 +19,8 @@ from .datasets import (
     DVS128Gesture,
     EventFolder,
     NCaltech101,
+    SeededBatches,
+    SeededDataset,
 )
 from .datasets.cache.cached import cache
 from .datasets.store.writer import pack
@@ -48,6 +50,8 @@ __all__ = [
     "GraphBatch",
     "NCaltech101",
     "Recording",
+    "SeededBatches",
+    "SeededDataset",
     "cache",
     "collate",
     "compat",
