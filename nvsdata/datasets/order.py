@@ -7,14 +7,16 @@ import math
 import numpy as np
 
 ROUNDS = 8
+FEW = 1_024  # largest number of elements that are sorted
 WEYL, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # of SplitMix64 (Steele et al. 2014)
 
 
 def shuffled(positions: np.ndarray, size: int, seed: int, epoch: int) -> np.ndarray:
     """Return the indices at some positions of a random order of 0 to `size` - 1.
 
-    The order is a Feistel network (Black and Rogaway 2002): a number below a x b is two digits, and in each round, a
-    hash of one digit is added to the other. Numbers from `size` on are permuted again until they are below.
+    For more than 1,024 elements, the order is a Feistel network (Black and Rogaway 2002): a number below a x b has two
+    digits, and in each round, a hash of one digit is added to the other. Numbers from `size` on are permuted again
+    until they are below `size`. Such orders of few elements aren't uniform, so these are sorted by their hashes.
 
     Args:
         positions: int64 [N], each from 0 to `size` - 1.
@@ -31,9 +33,13 @@ def shuffled(positions: np.ndarray, size: int, seed: int, epoch: int) -> np.ndar
         >>> sorted(shuffled(np.arange(5), 5, seed=0, epoch=0).tolist())
         [0, 1, 2, 3, 4]
     """
-    high = np.uint64(max(math.isqrt(max(size - 1, 0)) + 1, 1))
-    low = np.uint64(max(-(-size // int(high)), 1))
-    keys = _mixed(np.uint64((seed * FIRST + epoch * SECOND) % 2**64) + np.arange(ROUNDS, dtype=np.uint64))
+    keys = _mixed(np.uint64((int(seed) * FIRST + int(epoch) * SECOND) % 2**64) + np.arange(ROUNDS, dtype=np.uint64))
+    if size <= FEW:
+        hashes = _mixed(_mixed(np.arange(size, dtype=np.uint64) + keys[0]) + keys[1])
+        chosen: np.ndarray = np.argsort(hashes, kind="stable")[positions]
+        return chosen
+    high = np.uint64(math.isqrt(size - 1) + 1)
+    low = np.uint64(-(-size // int(high)))
     found = np.array(positions, np.uint64)
     left = np.arange(found.size)
     while left.size:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import itertools
+import math
 from collections import Counter
 
 import numpy as np
@@ -159,7 +160,7 @@ def test_orders_of_epochs_are_written_down():
     ]
 
 
-ORDERS = [[(1, 4), (1, 0), (1, 1), (1, 5)], [(1, 2), (1, 3)], [(2, 5), (2, 1), (2, 2), (2, 0)], [(2, 3), (2, 4)]]
+ORDERS = [[(1, 4), (1, 0), (1, 2), (1, 3)], [(1, 1), (1, 5)], [(2, 5), (2, 4), (2, 1), (2, 2)], [(2, 3), (2, 0)]]
 
 
 @pytest.mark.parametrize("size", range(8))
@@ -189,6 +190,9 @@ def test_processes_have_equal_steps(size, count, shuffle):
     for padded, batch in zip(of_all("pad"), alone, strict=True):
         assert padded[: len(batch)] == batch
         assert len(padded) == -(-len(batch) // count) * count
+        # the beginning of the epoch fills the rest
+        epoch = [key for other in alone for key in other if key[0] == batch[0][0]]
+        assert padded[len(batch) :] == [epoch[n % size] for n in range(len(padded) - len(batch))]
     assert of_all("drop") == [batch for batch in alone if len(batch) == 2 * count]
 
 
@@ -215,7 +219,7 @@ def test_a_billion_samples_have_an_order():
     assert min(found) < 1e8
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 10, 101, 4_097])
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 10, 101, 1_024, 1_025, 1_089, 4_097])
 def test_an_order_has_each_index_once(size):
     orders = {tuple(shuffled(np.arange(size), size, seed, epoch)) for seed in range(3) for epoch in range(3)}
     assert all(sorted(order) == list(range(size)) for order in orders)
@@ -223,15 +227,61 @@ def test_an_order_has_each_index_once(size):
         assert len(orders) == 9
 
 
-def test_orders_are_uniform():
-    counts = Counter(tuple(shuffled(np.arange(4), 4, seed, 0)) for seed in range(4_800))
-    assert len(counts) == 24
+@pytest.mark.parametrize("size", [3, 4, 5, 6])
+def test_orders_of_few_elements_are_uniform(size):
+    trials = 100 * math.factorial(size)
+    counts = Counter(tuple(shuffled(np.arange(size), size, seed, 0).tolist()) for seed in range(trials))
+    assert len(counts) == math.factorial(size)
     assert stats.chisquare(list(counts.values())).pvalue > 1e-3
-    order = shuffled(np.arange(20_000), 20_000, 0, 0)
-    assert abs(np.corrcoef(order[1:], order[:-1])[0, 1]) < 0.03
-    assert abs(np.corrcoef(order, np.arange(20_000))[0, 1]) < 0.03
-    # as many places keep their index as by chance, about one
-    assert (order == np.arange(20_000)).sum() < 8
+
+
+@pytest.mark.parametrize("size", [10, 33, 1_100])
+def test_pairs_of_an_order_are_uniform(size):
+    # the two first elements, in 5 x 5 classes
+    pairs = np.array([shuffled(np.arange(2), size, seed, 3) for seed in range(5_000)])
+    classes = np.arange(size) % 5
+    expected = np.zeros((5, 5))
+    for one in range(size):
+        for other in range(size):
+            expected[classes[one], classes[other]] += one != other
+    counts = np.zeros((5, 5))
+    np.add.at(counts, (classes[pairs[:, 0]], classes[pairs[:, 1]]), 1)
+    expected *= counts.sum() / expected.sum()
+    assert stats.chisquare(counts.ravel(), expected.ravel()).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("size", [1_000, 20_000])
+def test_orders_have_no_pattern(size):
+    order = shuffled(np.arange(size), size, 0, 0)
+    others = [shuffled(np.arange(size), size, 1, 0), shuffled(np.arange(size), size, 0, 1), np.arange(size)]
+    near = 4 / math.sqrt(size)
+    assert abs(np.corrcoef(order[1:], order[:-1])[0, 1]) < near
+    for other in others:
+        assert abs(np.corrcoef(order, other)[0, 1]) < near
+        # as many places have the same index as by chance, about one
+        assert (order == other).sum() < 8
+
+
+def test_numbers_of_any_integer_type_give_the_same_batches():
+    given = SeededBatches(9, 4, seed=3, first=2, last=3, shuffle=True)
+    numbers = {"seed": np.int64(3), "first": np.uint8(2), "last": np.int16(3)}
+    assert list(SeededBatches(np.uint8(9), np.int32(4), shuffle=True, **numbers)) == list(given)
+    assert given.batch(np.int64(2), 1) == list(given)[1]
+    large = SeededBatches(9, 4, seed=-(2**70), shuffle=True)
+    assert sorted(at for batch in large for _, at in batch) == list(range(9))
+    for wrong in ({"seed": 1.5}, {"size": 5.0}, {"part": (0.0, 1.0)}):
+        with pytest.raises(TypeError):
+            SeededBatches(**{"size": 10, "batch_size": 4} | wrong)
+    for step in (-1, 3):
+        with pytest.raises(IndexError, match=f"step {step} of an epoch of 3 steps"):
+            given.batch(2, step)
+
+
+def test_the_end_of_an_epoch_is_a_start_for_every_process():
+    parts = [SeededBatches(5, 4, last=2, start=2, part=(rank, 3), remainder="keep") for rank in range(3)]
+    assert [list(part) for part in parts] == [[[(1, 0), (1, 1)], [(1, 4)]], [[(1, 2)]], [[(1, 3)]]]
+    assert [len(part) for part in parts] == [2, 1, 1]
+    assert len(SeededBatches(5, 4, first=1, last=1, start=1)) == len(SeededBatches(5, 4, first=2, last=1)) == 0
 
 
 @pytest.mark.parametrize(
@@ -242,6 +292,7 @@ def test_orders_are_uniform():
         ({"part": (2, 2)}, r"part must be \(rank, count\) with rank < count"),
         ({"part": (0, 3)}, "3 processes can't have equal parts of a batch of 4"),
         ({"remainder": "wrap"}, "remainder must be one of"),
+        ({"size": 2**62}, "size must be less than"),
     ],
 )
 def test_batches_out_of_range(settings, reason):
