@@ -50,7 +50,8 @@ def main() -> None:
         trainer = protocol.trainer(args.out, team=here, **known, **run_of(args))
         if writer:
             trainer.watch(writer)
-        line = trainer.fit(train_set, validation(trainer, data.validation(pipeline)), args.patience)
+        chosen_by = validation(trainer, data.validation(pipeline))
+        line = trainer.fit(train_set, chosen_by, args.patience, args.checkpoint_every)
         # test data are used from here on only, when nothing is left to choose
         batches = loader(data.test(pipeline), trainer.batch, here, seed=args.seed, last=args.votes)
         found = votes(trainer.model, batches, args.votes, here)

@@ -57,7 +57,8 @@ def main() -> None:
         trainer = protocol.trainer(args.out, recordings=len(train_set), team=here, **known, **run_of(args))
         if writer:
             trainer.watch(writer)
-        line = trainer.fit(train_set, validation(trainer, data.validation(pipeline)), args.patience)
+        chosen_by = validation(trainer, data.validation(pipeline))
+        line = trainer.fit(train_set, chosen_by, args.patience, args.checkpoint_every)
         # test data are used from here on only, when nothing is left to choose
         found = test_votes(args, protocol, trainer, data)
         here.print(str(found))

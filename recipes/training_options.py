@@ -29,6 +29,8 @@ def add_data(parser: argparse.ArgumentParser) -> None:
     add("--validate", type=float, default=0.0, help="fraction of the training recordings for validation (default 0)")
     text = "epochs without a higher validation accuracy after which training stops (default: never)"
     add("--patience", type=at_least_1, help=text)
+    text = "steps after which a checkpoint is also written within an epoch (default: only after each epoch)"
+    add("--checkpoint-every", type=at_least_1, metavar="STEPS", help=text)
     add("--from", dest="repeated", type=Path, metavar="REPORT", help="repeat the run that wrote this report.json")
     add("--errors", choices=ERRORS, default="raise", help="treatment of damaged recordings (default raise)")
 

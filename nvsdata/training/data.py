@@ -24,6 +24,7 @@ def loader(
     seed: int = 0,
     first: int = 0,
     last: int = 1,
+    start: int = 0,
     shuffle: bool = False,
 ) -> DataLoader[Any]:
     """Return a loader of the batches of epochs `first` to `last` - 1; each process loads its part of every batch.
@@ -35,6 +36,7 @@ def loader(
         seed: Seed of order and random numbers, which depend only on seed, epoch and sample (default 0).
         first: First epoch (default 0).
         last: End of the epochs, exclusive (default 1).
+        start: Number of batches of the first epoch to leave out (default 0).
         shuffle: True for a random order in each epoch (default False).
 
     Returns:
@@ -49,9 +51,8 @@ def loader(
     """
     seeded = SeededDataset(dataset, seed)
     part = team.rank, team.count
-    batches = SeededBatches(
-        len(dataset), batch, first=first, last=last, shuffle=shuffle, seed=seed, part=part, remainder="keep"
-    )
+    epochs: dict[str, Any] = {"first": first, "last": last, "start": start, "shuffle": shuffle, "seed": seed}
+    batches = SeededBatches(len(dataset), batch, **epochs, part=part, remainder="keep")
     return DataLoader(
         seeded,
         batch_sampler=batches,

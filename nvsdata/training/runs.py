@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import sys
 import zipfile
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import torch
+from torch import distributed
 from torch.optim import Optimizer
 
 from nvsdata.common.errors import FormatError, line_of, message_of
@@ -21,16 +23,62 @@ from nvsdata.common.terminal import escaped_output
 from nvsdata.training.processes import Team
 
 CHECKPOINT, LOG, TENSORBOARD = "checkpoint.pt", "log.jsonl", "tensorboard"
-# number of epochs in the checkpoint of each training of this process, by folder; a later run can resume from them
-FINISHED: dict[Path, int] = {}
+# whether each training of this process, by folder, has a checkpoint from which a later run can resume
+RESUMABLE: dict[Path, bool] = {}
+
+
+@dataclass(frozen=True)
+class Within:
+    """Training within an epoch.
+
+    `step` is the number of steps so far, `sums` are the sums of losses, correct predictions and samples, and `seconds`
+    is the time so far. `generators` has the states of torch's generators (CPU, and GPU if there is one) of each
+    process.
+    """
+
+    step: int
+    sums: tuple[float, float, float]
+    seconds: float
+    generators: list[list[torch.Tensor]]
+
+    def __post_init__(self) -> None:
+        numbers = (*self.sums, self.seconds)
+        if len(numbers) != 4 or not all(type(n) is float and math.isfinite(n) and n >= 0 for n in numbers):
+            raise ValueError("sums or seconds within an epoch are no positive numbers")
+        if type(self.step) is not int or self.step < 1 or not self.sums[1] <= self.sums[2] or self.sums[2] == 0:
+            raise ValueError(f"step is {self.step!r:.20}, with {self.sums[1]} of {self.sums[2]} samples correct")
+        states = [state for of_one in self.generators for state in of_one]
+        if not states or any(state.dtype != torch.uint8 or state.ndim != 1 for state in states):
+            raise ValueError("the states of random number generators have wrong types")
+
+    @classmethod
+    def of(cls, step: int, sums: torch.Tensor, seconds: float, team: Team) -> Self:
+        """Describe the training now. All processes must call it."""
+        mine = [torch.get_rng_state()]
+        if sums.is_cuda:
+            mine.append(torch.cuda.get_rng_state(sums.device))
+        everyone: list[Any] = [mine]
+        if team.count > 1:
+            everyone = [None] * team.count
+            distributed.all_gather_object(everyone, mine)
+        loss, right, seen = sums.tolist()
+        return cls(step, (loss, right, seen), seconds, everyone)
+
+    def seed(self, team: Team) -> None:
+        """Continue this process's random numbers; if there are more processes than before, those of the first one."""
+        cpu, *gpu = self.generators[team.rank if team.rank < len(self.generators) else 0]
+        torch.set_rng_state(cpu.cpu())
+        if gpu and team.device.type == "cuda":
+            torch.cuda.set_rng_state(gpu[0].cpu(), team.device)
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Training after `epoch` of `epochs` epochs.
+    """Training after `epoch` of `epochs` epochs, or within the next one.
 
     `data` describes the training data, `log` has the line of each epoch so far, `best` is the number and network of the
-    epoch with the highest validation accuracy, and the other fields are states of the network, optimizer and schedule.
+    epoch with the highest validation accuracy, `within` has the fields of `Within` (None after an epoch), and the other
+    fields are states of the network, optimizer and schedule.
     """
 
     epoch: int
@@ -41,6 +89,7 @@ class Checkpoint:
     optimizer: dict[str, Any]
     schedule: dict[str, Any]
     best: tuple[int, dict[str, Any]] | None = None
+    within: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         counts, dicts = (self.epoch, self.epochs), (self.data, self.model, self.optimizer, self.schedule)
@@ -52,6 +101,8 @@ class Checkpoint:
             raise ValueError(f"log has {len(self.log)} lines for {self.epoch} epochs")
         if self.best is not None and not 1 <= self.best[0] <= self.epoch:
             raise ValueError(f"best epoch is {self.best[0]!r:.20}, of {self.epoch} epochs")
+        if self.within is not None:
+            Within(**self.within)
         json.dumps((self.data, self.log))  # TypeError if they contain what JSON can't represent
 
     def write(self, out: Path) -> None:
@@ -166,8 +217,8 @@ def run(main: Callable[[], None], hint: str | None = None) -> None:
 
     Args:
         main: The function.
-        hint: Message about the continuation after an interrupt (default None: `--resume`, if an epoch of a `Trainer`
-            was finished).
+        hint: Message about the continuation after an interrupt (default None: `--resume`, if there is a
+            checkpoint).
 
     Raises:
         SystemExit: After an interrupt, OSError, ValueError or ImportError, such as for invalid data or settings.
@@ -190,6 +241,6 @@ def run(main: Callable[[], None], hint: str | None = None) -> None:
 
 def _hint() -> str:
     """Return a message about the continuation from the checkpoints that this process has written."""
-    if any(FINISHED.values()):
-        return "--resume continues from the last epoch"
-    return "no epoch was finished, so there is nothing to continue from" if FINISHED else ""
+    if any(RESUMABLE.values()):
+        return "--resume continues from the last checkpoint"
+    return "no checkpoint was written, so there is nothing to continue from" if RESUMABLE else ""

@@ -21,6 +21,7 @@ from torch.nn.parallel import DistributedDataParallel
 from nvsdata import models
 from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
+from nvsdata.common.validation import whole
 from nvsdata.models.distributed import all_reduce_sum
 from nvsdata.training import runs
 from nvsdata.training.data import loader
@@ -33,6 +34,7 @@ class Trainer:
     """Trainer of a classifier by cross entropy.
 
     After each epoch, a line of JSON is appended to `out/log.jsonl`, and the state is written to `out/checkpoint.pt`.
+    `fit` also writes it within an epoch if `checkpoint_every` is given.
 
     Args:
         model: The network, on the team's device.
@@ -90,11 +92,12 @@ class Trainer:
         self.data = data | {"batch": batch, "smoothing": smoothing}
         self.lines: list[dict[str, Any]] = []
         self.best: tuple[int, dict[str, Any]] | None = None  # epoch and weights
+        self.within: runs.Within | None = None  # state within an epoch, for the first one after a resumption
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
         out.mkdir(parents=True, exist_ok=True)
         if resume and (out / runs.CHECKPOINT).exists():
             self._restore(runs.Checkpoint.read(out, team.device))
-        runs.FINISHED[out] = self.done
+        runs.RESUMABLE[out] = self.done > 0 or self.within is not None
         if team.rank == 0:
             runs.write_log(out, self.lines)
         team.print(", ".join(f"{name} {shown(value)}" for name, value in self.data.items()))
@@ -110,7 +113,11 @@ class Trainer:
         return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
 
     def fit(
-        self, train_set: Any, evaluate: Callable[[int], dict[str, Any]] | None = None, patience: int | None = None
+        self,
+        train_set: Any,
+        evaluate: Callable[[int], dict[str, Any]] | None = None,
+        patience: int | None = None,
+        checkpoint_every: int | None = None,
     ) -> dict[str, Any]:
         """Train the network, and select its weights by validation accuracy if `evaluate` returns one.
 
@@ -121,39 +128,43 @@ class Trainer:
                 with the highest value; of several such epochs, the last.
             patience: Number of epochs without a higher validation accuracy after which training stops (default None:
                 never).
+            checkpoint_every: Number of steps after which a checkpoint is also written within an epoch (default None:
+                only after each epoch). The results of a resumed run are bit-identical with the same number of
+                processes; with other numbers, as far as sums in another order are.
 
         Returns:
             The line of the epoch that the weights belong to.
 
         Raises:
             ValueError: If the last batch of an epoch has fewer samples than there are processes, or if the loss becomes
-                NaN or infinite. The checkpoint is then that of the epoch before.
+                NaN or infinite. The checkpoint before that remains.
         """
+        if checkpoint_every is not None:
+            whole("checkpoint_every", checkpoint_every, 1)
         left = len(train_set) % self.batch
         if 0 < left < self.team.count or self.batch < self.team.count:
             raise ValueError(f"the last batch has {left or self.batch} samples for {self.team.count} processes")
         steps = -(-len(train_set) // self.batch)
+        if self.within is not None and self.within.step >= steps:
+            where = self.out / runs.CHECKPOINT
+            raise ValueError(f"{where} belongs to an epoch of more than {self.within.step} steps, not {steps}")
         batches: Iterator[Any] = iter(())
         if self.done < self.epochs:
-            shared = loader(
-                train_set, self.batch, self.team, seed=self.seed, first=self.done, last=self.epochs, shuffle=True
-            )
-            batches = iter(shared)
+            # the order of an epoch doesn't depend on where it begins
+            done = {"first": self.done, "last": self.epochs, "start": self.within.step if self.within else 0}
+            batches = iter(loader(train_set, self.batch, self.team, seed=self.seed, **done, shuffle=True))
         model: nn.Module = self.model
         if self.team.count > 1:
             model = DistributedDataParallel(self.model, broadcast_buffers=False)
         for epoch in range(self.done, self.epochs):
             if self._out_of(patience):
                 break
-            start = time.perf_counter()
             line: dict[str, Any] = {"epoch": epoch + 1, "learning_rate": self.schedule.get_last_lr()[0]}
             # dropout masks depend on seed and epoch alone, so a resumed run samples the same ones
             torch.manual_seed(self.seed * 1_000_003 + epoch)
-            line |= self._epoch(model, batches, steps, f"epoch {epoch + 1}/{self.epochs}")
-            if not math.isfinite(line["loss"]):
-                raise ValueError(f"the loss became {line['loss']} in epoch {epoch + 1}: try a lower learning rate")
+            line |= self._epoch(model, batches, steps, checkpoint_every)
+            self._check_finite(line["loss"])
             self.schedule.step()
-            line["seconds"] = round(time.perf_counter() - start, 2)
             if evaluate is not None:
                 line |= evaluate(epoch + 1)
             # recordings that failed in this process and its workers since the training began
@@ -165,6 +176,11 @@ class Trainer:
         epoch, weights = self.best
         self.model.load_state_dict(weights)
         return self.lines[epoch - 1]
+
+    def _check_finite(self, loss: float) -> None:
+        """Raise ValueError if the loss or a weight is NaN or infinite, so that no such state is saved."""
+        if not (math.isfinite(loss) and all(bool(weight.isfinite().all()) for weight in self.model.parameters())):
+            raise ValueError(f"the loss became {loss} in epoch {self.done + 1}: try a lower learning rate")
 
     def _out_of(self, patience: int | None) -> bool:
         """Return True if the last `patience` epochs didn't exceed the best validation accuracy of earlier epochs."""
@@ -184,12 +200,22 @@ class Trainer:
             kept = {"classes": classes, "transform": transform, "metrics": metrics, "data": self.data}
             models.save(self.model, self.out / "model.safetensors", **kept)
 
-    def _epoch(self, model: nn.Module, batches: Iterator[Any], steps: int, title: str) -> dict[str, float]:
-        """Train for one epoch, and return mean loss and accuracy."""
+    def _epoch(
+        self, model: nn.Module, batches: Iterator[Any], steps: int, checkpoint_every: int | None
+    ) -> dict[str, float]:
+        """Train for one epoch or for the rest of one, and return mean loss, accuracy and time."""
         model.train()
-        device = self.team.device
+        device, start = self.team.device, time.perf_counter()
         sums = torch.zeros(3, dtype=torch.float64, device=device)  # sums of losses, correct predictions and samples
-        for _ in bar(range(steps), title, shown=not self.team.rank, leave=False):
+        first = 0
+        if self.within is not None:
+            first, start = self.within.step, start - self.within.seconds
+            if self.team.rank == 0:
+                sums += sums.new_tensor(self.within.sums)
+            self.within.seed(self.team)
+            self.within = None
+        title = f"epoch {self.done + 1}/{self.epochs}"
+        for step in bar(range(first, steps), title, shown=not self.team.rank, leave=False):
             inputs, targets = next(batches)
             inputs, targets = inputs.to(device), targets.to(device)
             scores = model(inputs)
@@ -201,8 +227,13 @@ class Trainer:
             self.optimizer.step()
             right = (scores.argmax(1) == targets).sum()
             sums += torch.stack((loss.detach().double(), right.double(), sums.new_tensor(len(targets))))
+            if checkpoint_every and (step + 1) % checkpoint_every == 0 and step + 1 < steps:
+                so_far = all_reduce_sum(sums.clone())
+                self._check_finite(float(so_far[0]))
+                self._write(runs.Within.of(step + 1, so_far, time.perf_counter() - start, self.team))
         loss_sum, right, seen = all_reduce_sum(sums).tolist()
-        return {"loss": loss_sum / seen, "train_accuracy": right / seen}
+        seconds = round(time.perf_counter() - start, 2)
+        return {"loss": loss_sum / seen, "train_accuracy": right / seen, "seconds": seconds}
 
     def _restore(self, state: runs.Checkpoint) -> None:
         where = self.out / runs.CHECKPOINT
@@ -217,6 +248,11 @@ class Trainer:
                 runs.restore(self.model, state.best[1])
             for name, part in self.parts.items():
                 runs.restore(part, getattr(state, name))
+            if state.within is not None:
+                # tried here, where an error names the file
+                self.within, before = runs.Within(**state.within), torch.get_rng_state()
+                self.within.seed(self.team)
+                torch.set_rng_state(before)
         except Exception:  # any error for a state of another network or optimizer
             raise ValueError(f"{where} belongs to another network or optimizer") from None
         self.lines, self.best = state.log, state.best
@@ -227,15 +263,20 @@ class Trainer:
         if VALIDATION in line and (self.best is None or line[VALIDATION] >= self.lines[self.best[0] - 1][VALIDATION]):
             weights = self.model.state_dict()
             self.best = self.done, {name: value.detach().cpu().clone() for name, value in weights.items()}
+        if self.team.rank == 0:
+            runs.add_to_log(self.out, line)
+        self._write()
         if self.team.rank:
-            runs.FINISHED[self.out] = self.done
             return
-        runs.add_to_log(self.out, line)
-        states = {name: part.state_dict() for name, part in self.parts.items()}
-        runs.Checkpoint(
-            epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, best=self.best, **states
-        ).write(self.out)
-        runs.FINISHED[self.out] = self.done
         self.team.print(json.dumps(line))
         for see in self._watchers:
             see(line)
+
+    def _write(self, within: runs.Within | None = None) -> None:
+        """Write the checkpoint, in the first process."""
+        if self.team.rank == 0:
+            states = {name: part.state_dict() for name, part in self.parts.items()}
+            kept: dict[str, Any] = {"epochs": self.epochs, "data": self.data, "log": self.lines, "best": self.best}
+            inside = None if within is None else vars(within)
+            runs.Checkpoint(epoch=self.done, **kept, **states, within=inside).write(self.out)
+        runs.RESUMABLE[self.out] = True
