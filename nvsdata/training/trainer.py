@@ -179,8 +179,10 @@ class Trainer:
 
     def _check_finite(self, loss: float) -> None:
         """Raise ValueError if the loss or a weight is NaN or infinite, so that no such state is saved."""
-        if not (math.isfinite(loss) and all(bool(weight.isfinite().all()) for weight in self.model.parameters())):
-            raise ValueError(f"the loss became {loss} in epoch {self.done + 1}: try a lower learning rate")
+        healthy = all(bool(weight.isfinite().all()) for weight in self.model.parameters())
+        if not (math.isfinite(loss) and healthy):
+            what = "a weight became NaN or infinite" if math.isfinite(loss) else f"the loss became {loss}"
+            raise ValueError(f"{what} in epoch {self.done + 1}: try a lower learning rate")
 
     def _out_of(self, patience: int | None) -> bool:
         """Return True if the last `patience` epochs didn't exceed the best validation accuracy of earlier epochs."""

@@ -30,7 +30,7 @@ def epoch(folder, batches):
     schedule = torch.optim.lr_scheduler.ConstantLR(optimizer)
     settings = {"data": {}, "epochs": 1, "batch": 1, "team": Team(torch.device("cpu"))}
     trainer = Trainer(model, optimizer, schedule, folder, **settings)
-    return trainer._epoch(model, iter(batches), len(batches), "epoch")
+    return trainer._epoch(model, iter(batches), len(batches), None)
 
 
 def test_small_losses_after_a_large_one_count(tmp_path):
