@@ -108,16 +108,18 @@ def ensembles(folders: dict[str, list[Path]], tables: dict[str, list[Rows]], rec
     paths = {name: [folder / SCORES for folder in folders[name]] for name in "AB"}
     if missing := [path for path in (*paths["A"], *paths["B"]) if not path.is_file()]:
         return f"not compared: {missing[0]} doesn't exist (the run is of an earlier version)"
-    known = scores_of(paths["A"][0], tables["A"][0], recordings)
+    runs = {
+        name: [scores_of(path, rows, recordings) for path, rows in zip(paths[name], tables[name], strict=True)]
+        for name in "AB"
+    }
+    first, known = runs["A"][0]
     lines, right = [], {}
     for name in "AB":
-        total = np.zeros_like(known[0])
-        for path, rows in zip(paths[name], tables[name], strict=True):
-            scores, targets = scores_of(path, rows, recordings)
-            if scores.shape != total.shape or not np.array_equal(targets, known[1]):
+        for path, (scores, targets) in zip(paths[name], runs[name], strict=True):
+            if scores.shape != first.shape or not np.array_equal(targets, known):
                 raise FormatError(path, f"has other rounds or classes than {paths['A'][0]}")
-            total += scores
-        right[name] = (total.argmax(2) == targets) & ~np.isnan(total).any(2)
+        total = sum((scores for scores, _ in runs[name]), np.zeros_like(first))
+        right[name] = (total.argmax(2) == known) & ~np.isnan(total).any(2)
         lines.append(f"{name}: {metrics.accuracy(right[name]):.3f}, number of networks: {len(paths[name])}")
     return "\n".join([*lines, verdict(right["A"], right["B"])])
 

@@ -8,7 +8,8 @@ import numpy as np
 
 ROUNDS = 8
 FEW = 1_024  # largest number of elements that are sorted
-WEYL, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # of SplitMix64 (Steele et al. 2014)
+# odd numbers with well-mixed bits, of SplitMix64 (Steele et al. 2014)
+STEP, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
 
 
 def shuffled(positions: np.ndarray, size: int, seed: int, epoch: int) -> np.ndarray:
@@ -62,7 +63,7 @@ def _permuted(numbers: np.ndarray, high: np.uint64, low: np.uint64, keys: np.nda
 
 def _mixed(numbers: np.ndarray) -> np.ndarray:
     """Return well-mixed 64-bit numbers (SplitMix64)."""
-    mixed = numbers + np.uint64(WEYL)
+    mixed = numbers + np.uint64(STEP)
     for shift, factor in ((30, FIRST), (27, SECOND)):
         mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
     return mixed ^ (mixed >> np.uint64(31))

@@ -13,7 +13,7 @@ from torch.utils.data import Dataset, Sampler, get_worker_info
 
 from nvsdata.common.memory import SharedArray
 from nvsdata.common.validation import whole
-from nvsdata.datasets.order import shuffled
+from nvsdata.datasets.order import FIRST, SECOND, STEP, shuffled
 
 Key = tuple[int, int]
 """Epoch and index of a sample: the index that `SeededBatches` yields and `SeededDataset` takes."""
@@ -23,7 +23,6 @@ MOST = 2**62  # samples
 AT_ONCE = 4_096  # samples whose order is computed at a time
 
 PASSES = 64  # number of passes whose epochs are stored, for loaders that are read at the same time
-STEP, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # odd numbers with well-mixed bits
 MAIN = -1  # key of the main process; base seeds are not negative
 
 _seeding = False

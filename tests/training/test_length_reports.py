@@ -127,7 +127,7 @@ class Classifier(torch.nn.Module):
 
 
 def by_events(transform, events=(80, 80, 120), trainer=TRAINER):
-    """Accuracy by number of events, on recordings of class 1 with so many events in 1,000 µs."""
+    """Accuracy by number of events, on recordings of class 1 and 1,000 µs; `events` are their numbers of events."""
     kept = [Events(np.linspace(0, 999, n).astype(int), [0] * n, [0] * n, [1] * n, (2, 1)) for n in events]
 
     class Listed(Recordings):
