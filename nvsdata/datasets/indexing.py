@@ -31,7 +31,8 @@ class Samples(Dataset[tuple[Any, Any]]):
     workers that aren't persistent and return no sample twice in a pass. With persistent workers or without workers, a
     new pass is recognized by the first sample that is read again: the count is exact for complete passes. Call
     `set_epoch` if you stop passes early in these two cases, read single samples (`dataset[0]` counts as a pass that was
-    stopped early), restart a training, or use a sampler that repeats samples.
+    stopped early), or use a sampler that repeats samples. To continue a training within an epoch, use `state_dict`, or
+    `SeededDataset` and `SeededBatches`.
 
     `errors` says what to do with damaged recordings. "raise" raises FormatError, or OSError if the disk fails. "skip"
     replaces a recording that can't be read by the next readable one, with its target. Recordings are sorted by class,
@@ -226,6 +227,29 @@ class Samples(Dataset[tuple[Any, Any]]):
             raise ValueError(f"epoch must be at least 0, not {epoch}")
         if self._epochs is not None:
             self._epochs.set(epoch)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of the random numbers: seed, epoch and what of the epoch was read.
+
+        torchdata's `StatefulDataLoader` calls it. The dict is empty without a `seed`.
+        """
+        return {} if self._epochs is None else {"seed": self.seed} | self._epochs.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue with the random numbers of a state.
+
+        The epoch goes on where the state was taken. With persistent workers, call `set_epoch` before each pass instead.
+
+        Args:
+            state: what `state_dict` returned.
+
+        Raises:
+            ValueError: the state has another seed, or is of a dataset with another number of samples.
+        """
+        if state.get("seed") != self.seed:
+            raise ValueError(f"the state has seed={state.get('seed')}, and the dataset seed={self.seed}")
+        if self._epochs is not None:
+            self._epochs.load_state_dict(state)
 
     def seeded_sample(self, index: int, make: Callable[[int], Any]) -> Any:
         """Return `make(index)` with the random numbers of `seed`; for a damaged recording, the replacement."""

@@ -72,22 +72,60 @@ class Epochs:
 
     def of(self, index: int) -> int:
         """Return the epoch of a sample that is about to be read."""
-        state = self._state.values
-        if state[0]:
-            return int(state[0]) - 1
-        worker = get_worker_info()
-        key = MAIN if worker is None else worker.seed - worker.id
-        keys, epochs = state[2::2], state[3::2]
-        # read before the keys: workers that begin a pass at the same moment then write the same values
-        begun = int(state[1])
-        found = epochs[keys == key]
-        epoch = int(found.max(initial=-1))
+        if self._state.values[0]:
+            return int(self._state.values[0]) - 1
+        # read before the passes: workers that begin a pass at the same moment then write the same values
+        begun = int(self._state.values[1])
+        epoch = self._of_pass()
         if epoch < 0 or self._given.values[index] == epoch + 1:
             epoch = begun
-            keys[epoch % PASSES], epochs[epoch % PASSES] = key, epoch
-            state[1] = epoch + 1
+            self._begin(epoch)
         self._given.values[index] = epoch + 1
         return epoch
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the epoch, whether it was set, and (without workers) bits of the samples of it that were read."""
+        state = {"samples": self._given.values.size, "set": bool(self._state.values[0]), "read": None}
+        if state["set"]:
+            return state | {"epoch": int(self._state.values[0]) - 1}
+        begun = int(self._state.values[1])
+        epoch = self._of_pass()
+        if epoch >= 0 and get_worker_info() is None:
+            # workers are left out, because they have read more samples than their loader has returned
+            state["read"] = torch.from_numpy(np.packbits(self._given.values == epoch + 1))
+        return state | {"epoch": epoch if epoch >= 0 else begun}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue the epoch of a state. ValueError if the state is of another number of samples."""
+        given, epoch, read = self._given.values, state["epoch"], state["read"]
+        if state["samples"] != given.size:
+            raise ValueError(f"the state is of {state['samples']} samples, not of {given.size}")
+        self._state.values[0] = epoch + 1 if state["set"] else 0
+        if state["set"]:
+            return
+        given[given > epoch] = 0
+        if read is not None:
+            given[np.unpackbits(read.numpy(), count=given.size) > 0] = epoch + 1
+        keys = self._state.values[2::2]
+        keys[keys == _pass()] = 0
+        self._begin(epoch)
+
+    def _of_pass(self) -> int:
+        """Return the epoch of the pass in progress, -1 if there is none."""
+        keys, epochs = self._state.values[2::2], self._state.values[3::2]
+        return int(epochs[keys == _pass()].max(initial=-1))
+
+    def _begin(self, epoch: int) -> None:
+        """Store that the pass in progress is an epoch."""
+        at = 2 + 2 * (epoch % PASSES)
+        self._state.values[at : at + 2] = _pass(), epoch
+        self._state.values[1] = epoch + 1
+
+
+def _pass() -> int:
+    """Return a number of the pass in progress: the base seed that its workers share."""
+    worker = get_worker_info()
+    return MAIN if worker is None else worker.seed - worker.id
 
 
 class SeededDataset(Dataset[Any]):
@@ -183,6 +221,8 @@ class SeededBatches(Sampler[list[Key]]):
         if self.batch_size % self.count and remainder != "keep":
             raise ValueError(f"{self.count} processes can't have equal parts of a batch of {self.batch_size}")
         steps = self.size // self.batch_size if remainder == "drop" else -(-self.size // self.batch_size)
+        self._next: tuple[int, int] = (self.first, self.start)
+        self._resumed: tuple[int, int] | None = None
         if self.start > steps:
             raise ValueError(f"start must be at most {steps}, the steps of an epoch, not {start}")
 
@@ -199,12 +239,47 @@ class SeededBatches(Sampler[list[Key]]):
         epochs = max(self.last - self.first, 0)
         return self.steps * epochs - min(self.start, self.steps) * (epochs > 0)
 
+    def set_epoch(self, epoch: int) -> None:
+        """Iterate over this epoch only from now on, from its first step.
+
+        Lightning calls it before each epoch, and needs it because its epochs are passes over the loader.
+        """
+        whole("epoch", epoch, 0)
+        self.first, self.last, self.start = epoch, epoch + 1, 0
+
+    @property
+    def sampler(self) -> SeededBatches:
+        """Itself: Lightning calls `set_epoch` of a batch sampler's sampler."""
+        return self
+
+    def state_dict(self) -> dict[str, int]:
+        """Return epoch and step of the next batch of the latest iteration, and the epoch after its last one.
+
+        torchdata's `StatefulDataLoader` calls it.
+        """
+        epoch, step = self._next
+        return {"epoch": epoch, "step": step, "last": self.last}
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        """Begin the next iteration at the batch of a state."""
+        self._resumed = state["epoch"], state["step"]
+        self.last = state["last"]
+
     def __iter__(self) -> Iterator[list[Key]]:
+        # not a generator: `set_epoch` must not move an iteration that has begun
+        begin, self._resumed = self._resumed or (self.first, self.start), None
+        self._next = begin
+        return self._iterated(*begin, self.last)
+
+    def _iterated(self, first: int, start: int, last: int) -> Iterator[list[Key]]:
         # the order of several steps is computed at a time, because each call takes 0.3 ms
         several = max(AT_ONCE // self.batch_size, 1)
-        for epoch in range(self.first, self.last):
-            for step in range(self.start if epoch == self.first else 0, self.steps, several):
-                yield from self._batches(epoch, range(step, min(step + several, self.steps)))
+        for epoch in range(first, last):
+            for begin in range(start if epoch == first else 0, self.steps, several):
+                steps = range(begin, min(begin + several, self.steps))
+                for step, batch in zip(steps, self._batches(epoch, steps), strict=True):
+                    self._next = epoch, step + 1
+                    yield batch
 
     def batch(self, epoch: int, step: int) -> list[Key]:
         """Return this process's keys of a step. IndexError if an epoch has no such step."""

@@ -21,6 +21,8 @@ ALLOWED = {
     "ToFrame": "of tonic",
     "DataLoader": "of torch",
     "LayerNorm": "of torch",
+    "StatefulDataLoader": "of torchdata",
+    "use_distributed_sampler": "of Lightning",
     "Data": "of PyTorch Geometric",
     "Batch": "of PyTorch Geometric",
     "GATConv": "of PyTorch Geometric",

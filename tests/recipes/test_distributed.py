@@ -22,6 +22,42 @@ runpy.run_path({recipes!r} + "/train_objects.py", run_name="__main__")
 """
 
 
+# trains as the tests of the trainer do: OUT, and the step at which both processes are interrupted
+INTERRUPTED = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_trainer import trained
+out, at = Path(sys.argv[1]), int(sys.argv[2])
+trained(out, every=2, at=at, batch=8, size=52, resume=(out / "checkpoint.pt").exists())
+"""
+
+
+def by_two(script, *words):
+    """Run a script by two processes."""
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    command = [*launch, *map(str, (script, *words))]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=environment)
+
+
+def test_two_processes_continue_within_an_epoch_bit_identically(tmp_path):
+    script = tmp_path / "interrupted.py"
+    script.write_text(INTERRUPTED.format(tests=str(RECIPES.parent / "tests/training")))
+    # 11: in the second epoch
+    runs = {"whole": (-1,), "stopped": (11, -1)}
+    for out, stops in runs.items():
+        for stop in stops:
+            result = by_two(script, tmp_path / out, stop)
+            assert (result.returncode == 0) == (stop < 0), result.stderr[-3000:]
+    whole, stopped = (torch.load(tmp_path / out / "checkpoint.pt", weights_only=True) for out in runs)
+    assert whole["model"].keys() == stopped["model"].keys()
+    assert all(torch.equal(stopped["model"][name], value) for name, value in whole["model"].items())
+    losses = [[json.loads(line)["loss"] for line in (tmp_path / out / "log.jsonl").open()] for out in runs]
+    assert losses[0] == losses[1]
+    assert len(losses[0]) == 2
+
+
 @pytest.mark.usefixtures("plotless")
 def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path):
     # 40 recordings in batches of 15: the last one, of 10, is cut to shares of another size
@@ -31,10 +67,7 @@ def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path)
     flags = [*map(str, flags), "--device", "cpu", "--out"]
     run("train_objects.py", *flags, tmp_path / "1")
     (tmp_path / "recipe.py").write_text(PLOTLESS.format(recipes=str(RECIPES)))
-    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    command = [*launch, str(tmp_path / "recipe.py"), *flags, str(tmp_path / "2")]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=environment)
+    result = by_two(tmp_path / "recipe.py", *flags, tmp_path / "2")
     assert result.returncode == 0, result.stderr[-3000:]
     logs = {
         count: [json.loads(line) for line in (tmp_path / str(count) / "log.jsonl").read_text().splitlines()]

@@ -118,15 +118,15 @@ class Interrupted(torch.nn.Module):
         return self.layers(x) * (float("nan") if self.steps == self.nan_at else 1)
 
 
-def trained(out, *, every, resume=False, validated=False, size=20, **how):
-    """A run of two epochs of seven steps: the trainer, and its lines without times."""
+def trained(out, *, every, resume=False, validated=False, size=20, batch=3, **how):
+    """A run of two epochs, of seven steps by default: the trainer, and its lines without times."""
     dataset = [(torch.tensor([n, n % 3, n % 5]).float(), n % 2) for n in range(size)]
     torch.manual_seed(0)
     model = Interrupted(**{"at": -1} | how)
     optimizer = torch.optim.Adam(model.parameters(), 0.01)
     schedule = torch.optim.lr_scheduler.StepLR(optimizer, 1)
     with team("cpu") as here:
-        settings = {"data": {}, "epochs": 2, "batch": 3, "team": here, "resume": resume}
+        settings = {"data": {}, "epochs": 2, "batch": batch, "team": here, "resume": resume}
         trainer = Trainer(model, optimizer, schedule, out, **settings)
         evaluate = (lambda epoch: {"validation_accuracy": 1 / epoch}) if validated else None
         trainer.fit(dataset, evaluate, checkpoint_every=every)

@@ -129,6 +129,14 @@ class Cached(Dataset[tuple[Any, Any]]):
         """Set the epoch of random numbers; see `Samples.set_epoch`."""
         self.dataset.set_epoch(epoch)
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of the random numbers; see `Samples.state_dict`."""
+        return self.dataset.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue with the random numbers of a state; see `Samples.load_state_dict`."""
+        self.dataset.load_state_dict(state)
+
     def _made(self, index: int) -> tuple[Any, Any]:
         file = self.folder / str(index // SHARD) / f"{index}.pt"
         stamps = self._stamps(index)

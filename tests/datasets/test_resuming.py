@@ -1,0 +1,188 @@
+"""Loaders of torch, torchdata and Lightning that stop in the middle of an epoch and continue in another process."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+
+import pytest
+import torch
+import trees
+from torch.utils.data import DataLoader
+
+import nvsdata
+from nvsdata import NMNIST, SeededBatches, SeededDataset
+from nvsdata import transforms as T
+
+SAMPLES, BATCH = 30, 4
+STEPS = -(-SAMPLES // BATCH)
+
+
+def random_number(_):
+    return torch.randint(1_000_000, ()).item()
+
+
+@pytest.fixture
+def dataset(home):
+    """Makes equal datasets of 30 samples, each a random number and its label, as other processes would."""
+    root = home(trees.nmnist())
+    return lambda seed=5: NMNIST(root, transform=random_number, seed=seed)
+
+
+def batches(loader, count=None):
+    return [(samples.tolist(), labels.tolist()) for samples, labels in itertools.islice(loader, count)]
+
+
+@pytest.mark.parametrize(("workers", "stop"), [(0, 1), (2, STEPS - 1), (0, STEPS), (2, STEPS + 3), (0, 2 * STEPS)])
+def test_a_plain_loader_continues_at_any_step(dataset, workers, stop):
+    def loader(first=0, start=0):
+        order = SeededBatches(SAMPLES, BATCH, first=first, last=3, start=start, shuffle=True, seed=1)
+        # torch's own seeds differ between runs
+        return DataLoader(SeededDataset(dataset(None), 5), batch_sampler=order, num_workers=workers)
+
+    assert batches(loader(*divmod(stop, STEPS))) == batches(loader())[stop:]
+
+
+def stateful(data, workers, **options):
+    # random orders of torchdata's sampler change after an epoch that was resumed
+    stateful_dataloader = pytest.importorskip("torchdata.stateful_dataloader")
+    return stateful_dataloader.StatefulDataLoader(data, BATCH, num_workers=workers, **options)
+
+
+@pytest.mark.parametrize(("workers", "stop"), [(0, 1), (0, STEPS - 1), (2, 3)])
+def test_a_stateful_loader_continues_within_an_epoch_that_is_counted(dataset, workers, stop):
+    whole = stateful(dataset(), workers)
+    expected = [batches(whole) for _ in range(4)]
+
+    stopped = stateful(dataset(), workers)
+    assert batches(stopped) == expected[0]
+    reading = iter(stopped)
+    assert batches(reading, stop) == expected[1][:stop]
+    state = copy.deepcopy(stopped.state_dict())
+
+    # twice within an epoch, and the epochs after it
+    again = stateful(dataset(), workers)
+    again.load_state_dict(state)
+    reading = iter(again)
+    assert batches(reading, 1) == expected[1][stop : stop + 1]
+    state = copy.deepcopy(again.state_dict())
+    last = stateful(dataset(), workers)
+    last.load_state_dict(state)
+    assert [batches(last) for _ in range(3)] == [expected[1][stop + 1 :], *expected[2:]]
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_stateful_loader_goes_back_in_the_same_process(dataset, workers):
+    data = dataset()
+    loader = stateful(data, workers)
+    batches(loader)
+    reading = iter(loader)
+    batches(reading, 2)
+    state = copy.deepcopy(loader.state_dict())
+    rest, following = batches(reading), batches(loader)
+    loader.load_state_dict(state)
+    assert (batches(loader), batches(loader)) == (rest, following)
+
+
+@pytest.mark.parametrize("persistent", [False, True])
+def test_a_stateful_loader_continues_an_epoch_that_was_set(dataset, persistent):
+    def passes(loader, data, epochs, count=None):
+        for epoch in epochs:
+            data.set_epoch(epoch)
+            yield batches(loader, count)
+
+    data = dataset()
+    expected = list(passes(stateful(data, 2, persistent_workers=persistent), data, range(3)))
+    stopped = stateful(data, 2, persistent_workers=persistent)
+    found = list(passes(stopped, data, [0]))
+    data.set_epoch(1)
+    reading = iter(stopped)
+    found += [batches(reading, 3)]
+    state = stopped.state_dict()
+    other = dataset()
+    again = stateful(other, 2, persistent_workers=persistent)
+    again.load_state_dict(state)
+    found[-1] += batches(again)
+    found += passes(again, other, [2])
+    assert found == expected
+
+
+def test_a_state_is_saved_by_torch_and_belongs_to_its_dataset(dataset, tmp_path):
+    data = dataset()
+    before = [data[index][0] for index in (0, 1, 2)]
+    torch.save(data.state_dict(), tmp_path / "state.pt")
+    state = torch.load(tmp_path / "state.pt", weights_only=True)
+    rest = [data[index][0] for index in (*range(3, 30), 1, 0)]
+
+    other = dataset()
+    other.load_state_dict(state)
+    # 1 comes a second time, so the next epoch begins
+    assert [other[index][0] for index in (*range(3, 30), 1, 0)] == rest
+    assert before != rest[-2:]
+    assert dataset(None).state_dict() == {}
+    dataset(None).load_state_dict({})
+    with pytest.raises(ValueError, match="the state has seed=5, and the dataset seed=6"):
+        dataset(6).load_state_dict(state)
+    with pytest.raises(ValueError, match="the state has seed=None, and the dataset seed=5"):
+        dataset().load_state_dict({})
+    with pytest.raises(ValueError, match="the state is of 30 samples, not of 10"):
+        dataset()[:10].load_state_dict(state)
+
+
+def test_a_cache_has_the_state_of_its_dataset(dataset, tmp_path):
+    data = dataset()
+    data.transform = T.Compose([T.Window(0, 10), random_number])
+    cached = nvsdata.cache(data, tmp_path / "cache")
+    cached.set_epoch(7)
+    data = dataset()
+    data.transform = cached.dataset.transform
+    other = nvsdata.cache(data, tmp_path / "cache")
+    other.load_state_dict(cached.state_dict())
+    assert other.dataset.state_dict()["epoch"] == 7
+
+
+def lightning_run(data, folder, workers, checkpoint=None, **until):
+    """The batches that a run of Lightning saw, and its weights at the end."""
+    lightning = pytest.importorskip("pytorch_lightning")
+    stateful_dataloader = pytest.importorskip("torchdata.stateful_dataloader")
+    seen = []
+
+    class Mean(lightning.LightningModule):
+        def __init__(self):
+            super().__init__()
+            self.layer = torch.nn.Linear(1, 1)
+
+        def train_dataloader(self):
+            order = SeededBatches(SAMPLES, BATCH, shuffle=True, seed=1)
+            # of a resumed run, because Lightning begins to read before it calls `set_epoch`
+            order.set_epoch(self.trainer.fit_loop.epoch_progress.current.processed)
+            data_of_keys = SeededDataset(data, 5)
+            return stateful_dataloader.StatefulDataLoader(data_of_keys, batch_sampler=order, num_workers=workers)
+
+        def training_step(self, batch, _):
+            seen.append(batch[0].tolist())
+            return self.layer(batch[0][:, None] / 1e6).square().mean()
+
+        def configure_optimizers(self):
+            return torch.optim.SGD(self.parameters(), 0.1)
+
+    # at the last step of an epoch, a checkpoint of this kind leaves out the next epoch with any dataset
+    often = {"every_n_train_steps": 1} if until.get("max_steps", 0) % STEPS else {"every_n_epochs": 1}
+    keep = lightning.callbacks.ModelCheckpoint(folder, save_top_k=-1, filename="{step}", **often)
+    torch.manual_seed(0)
+    quiet = {"logger": False, "enable_progress_bar": False, "enable_model_summary": False}
+    trainer = lightning.Trainer(accelerator="cpu", callbacks=[keep], default_root_dir=folder, **quiet, **until)
+    model = Mean()
+    trainer.fit(model, ckpt_path=checkpoint)
+    return seen, [parameter.tolist() for parameter in model.parameters()]
+
+
+@pytest.mark.parametrize(("workers", "stops"), [(0, (STEPS,)), (2, (STEPS + 2, STEPS + 5)), (0, (2 * STEPS - 1,))])
+def test_lightning_continues_at_any_step(dataset, tmp_path, workers, stops):
+    expected = lightning_run(dataset(None), tmp_path / "whole", workers, max_epochs=3)
+    seen, checkpoint = [], None
+    for stop in stops:
+        seen += lightning_run(dataset(None), tmp_path / "stopped", workers, checkpoint, max_steps=stop)[0]
+        checkpoint = tmp_path / f"stopped/step={stop}.ckpt"
+    rest, weights = lightning_run(dataset(None), tmp_path / "resumed", workers, checkpoint, max_epochs=3)
+    assert (seen + rest, weights) == expected
