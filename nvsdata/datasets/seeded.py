@@ -85,7 +85,7 @@ class Epochs:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the epoch, whether it was set, and (without workers) bits of the samples of it that were read."""
-        state = {"samples": self._given.values.size, "set": bool(self._state.values[0]), "read": None}
+        state: dict[str, Any] = {"samples": self._given.values.size, "set": bool(self._state.values[0]), "read": None}
         if state["set"]:
             return state | {"epoch": int(self._state.values[0]) - 1}
         begun = int(self._state.values[1])
