@@ -9,8 +9,8 @@ thesis and their effect, and how to train with its settings. If the data has no 
 is the test set. --validate 0.1 holds out a tenth of the training recordings: the weights of the epoch with the highest
 accuracy on them are kept. Test recordings are used once, at the end. --k, --radius, --window, --depth and --kernel-size
 are the ablations of Tables 4.1 to 4.5 of the thesis, --convolution that of Table 4.8. --network also selects a baseline
-CNN (section 4.4.4), which is trained by gradient descent on event images of --image-size pixels (Table 4.6); it ignores
-the settings of graphs.
+CNN (section 4.4.4) of event images of --image-size pixels (Table 4.6). It ignores the settings of graphs, and
+--schedule steps trains it by gradient descent, as in the thesis.
 
 The recipe writes to OUT `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
 `nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes, by window

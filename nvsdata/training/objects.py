@@ -96,8 +96,9 @@ class Objects:
         augment: True (default) for augmentation of training samples.
         negatives: Probability that a training sample of another class than "background" becomes one of the background,
             see `Negatives` (default 0.0).
-        schedule: "one-cycle" (default), or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 after 60/150
-            and 110/150 of the epochs.
+        schedule: "one-cycle" (default): Adam's rate rises to 3e-3 (image networks: 1e-3) and falls again. "steps" as in
+            the thesis: Adam's rate of 1e-3 is divided by 10 after 60/150 and 110/150 of the epochs; image networks are
+            trained by SGD, whose rate of 1e-3 is divided by 10 after every 10,000 steps.
         smoothing: Label smoothing (default 0.05); see `Trainer`.
         image_size: Side of event images in pixels, for `IMAGE_NETWORKS` (default 224; Table 4.6).
 
@@ -284,10 +285,13 @@ class Objects:
         return common | sizes[depth]
 
     def optimization(self, model: nn.Module, epochs: int, steps: int) -> tuple[Any, Any]:
-        """Return optimizer and schedule for `epochs` of `steps` steps each: Adam, or SGD for image networks."""
-        if self.network in IMAGE_NETWORKS:
+        """Return optimizer and schedule for `epochs` of `steps` steps each."""
+        image = self.network in IMAGE_NETWORKS
+        if self.schedule == "one-cycle":
+            return one_cycle(model, epochs, 1e-3 if image else 3e-3)
+        if image:
             return sgd(model, 1e-3, max(1, ITERATIONS // steps), epochs, decay=1e-5)
-        return one_cycle(model, epochs) if self.schedule == "one-cycle" else adam(model, epochs, (60, 110))
+        return adam(model, epochs, (60, 110))
 
     def trainer(
         self,

@@ -140,9 +140,24 @@ def test_the_least_settings_that_will_do():
     assert Objects("n-cars", smoothing=1.0, dropout=1.0).smoothing == 1
 
 
+@pytest.mark.parametrize(("network", "rate"), [("rgcnn", 3e-3), ("gcnn", 3e-3), ("vgg19", 1e-3), ("resnet50", 1e-3)])
+def test_one_cycle_is_the_schedule_of_all_networks_unless_asked(network, rate):
+    optimizer, schedule = Objects("n-cars", network).optimization(nn.Linear(1, 1), 100, 10)
+    assert isinstance(optimizer, torch.optim.Adam)
+    rates = []
+    for _ in range(100):
+        rates.append(schedule.get_last_lr()[0])
+        optimizer.step()
+        schedule.step()
+    assert max(rates) == pytest.approx(rate, rel=1e-3)
+    assert rates[0] < max(rates) / 20 > rates[-1]
+    optimizer, _ = Objects("n-cars", network, schedule="steps").optimization(nn.Linear(1, 1), 100, 10)
+    assert isinstance(optimizer, torch.optim.SGD if network in ("vgg19", "resnet50") else torch.optim.Adam)
+
+
 def test_steps_of_an_epoch_say_when_image_networks_are_decayed():
     def milestones(steps, epochs=9):
-        _, schedule = Objects("n-cars", "vgg19").optimization(nn.Linear(1, 1), epochs, steps)
+        _, schedule = Objects("n-cars", "vgg19", schedule="steps").optimization(nn.Linear(1, 1), epochs, steps)
         return sorted(schedule.milestones)
 
     assert milestones(5_000) == [2, 4, 6, 8]
