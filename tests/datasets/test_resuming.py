@@ -186,3 +186,55 @@ def test_lightning_continues_at_any_step(dataset, tmp_path, workers, stops):
         checkpoint = tmp_path / f"stopped/step={stop}.ckpt"
     rest, weights = lightning_run(dataset(None), tmp_path / "resumed", workers, checkpoint, max_epochs=3)
     assert (seen + rest, weights) == expected
+
+
+def read_by_ranks(data, count, workers, first=0, start=0, last=2):
+    """The samples of each step of a run by some processes, each with its own loader."""
+    how = {"first": first, "start": start, "last": last, "shuffle": True, "seed": 2}
+    orders = [SeededBatches(len(data), 24, part=(rank, count), **how) for rank in range(count)]
+    loaders = [DataLoader(SeededDataset(data, 5), batch_sampler=order, num_workers=workers) for order in orders]
+    return [[sample for part in step for sample in part.tolist()] for step in zip(*loaders, strict=True)]
+
+
+class Numbered(torch.utils.data.Dataset):
+    """Samples of an index and a random number."""
+
+    def __len__(self):
+        return 150
+
+    def __getitem__(self, index):
+        return torch.tensor([index, torch.randint(1_000_000, ()).item()])
+
+
+def stopped_runs(workers, trials):
+    """Stop a run of 8 processes at random steps, and continue with 8, 6 and 12: whole steps and joined ones."""
+    data = Numbered()
+    whole = read_by_ranks(data, 1, 0)
+    steps = len(whole) // 2
+    for trial in range(trials):
+        stop = int(torch.randint(2 * steps + 1, (), generator=torch.Generator().manual_seed(trial)))
+        count = (8, 6, 12)[trial % 3]
+        begun = read_by_ranks(data, 8, workers)[:stop]
+        rest = read_by_ranks(data, count, workers, *divmod(stop, steps))
+        yield whole, begun + rest
+
+
+def check_stopped_runs(runs):
+    for whole, joined in runs:
+        assert len(joined) == len(whole)
+        # the last batch of an epoch is filled from its beginning, so that all processes have as many samples
+        assert [found[: len(step)] for found, step in zip(joined, whole, strict=True)] == whole
+        for epoch in (joined[: len(joined) // 2], joined[len(joined) // 2 :]):
+            indices = [
+                index for step, of_whole in zip(epoch, whole, strict=False) for index, _ in step[: len(of_whole)]
+            ]
+            assert sorted(indices) == list(range(150))
+
+
+def test_eight_processes_stop_and_others_continue():
+    check_stopped_runs(stopped_runs(0, 100))
+
+
+@pytest.mark.long
+def test_eight_processes_with_eight_workers_each_stop_and_others_continue():
+    check_stopped_runs(stopped_runs(8, 6))
