@@ -2,7 +2,7 @@
 
     python recipes/ablation.py --dataset n-mnist --root N-MNIST --out runs/ablation
     python recipes/ablation.py --dataset n-mnist --root N-MNIST --out runs/ablation --only k pseudo --seeds 0 --jobs 2
-    python recipes/ablation.py --dataset n-cars --root n-cars.h5 --out runs/ablation-n-cars --only features
+    python recipes/ablation.py --dataset n-cars --root n-cars.nvs --out runs/ablation-n-cars --only features
 
 Each group changes one setting of the defaults of `train_objects.py` for N-MNIST, and of the settings of docs/results.md
 for N-CARS. Each choice is trained once per seed. A quarter of the training recordings is for validation, the same for

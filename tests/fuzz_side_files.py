@@ -10,21 +10,23 @@ import io
 import json
 import os
 import shutil
+import struct
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, suppress
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import storefiles
 import trees
 from damage import KINDS, file_of
 from fuzz import at_random, valid
 from lookalikes import aedat4_bytes
 from side_damage import OLD, array_changed, choice, json_changed, put_back, replaced
-from structures import hdf5
+from structures import NUMBERS, changed, hdf5
 
 import nvsdata
 from nvsdata import EventFolder, FormatError
@@ -34,7 +36,10 @@ from nvsdata.common.files import Journal, crc32, sealed
 from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
 from nvsdata.datasets import source
 from nvsdata.datasets.cache.encoding import ALIGNED, encode_sample
-from nvsdata.datasets.store.reader import INDEX, Store, checksum
+from nvsdata.datasets.store import index as store_index
+from nvsdata.datasets.store import record, second, writer
+from nvsdata.datasets.store.opening import open_store
+from nvsdata.datasets.store.reader import Store
 from nvsdata.datasets.verification import problems
 from nvsdata.formats import contents, index_cache, reading
 from nvsdata.kernels.recording.davis_stream import encode
@@ -235,60 +240,200 @@ def _sample_changed(raw: bytes, rng: Rng) -> bytes:
 # packed stores
 
 
+SECOND = [Path(__file__).with_name("datasets") / "store" / name for name in ("second.h5", "second-compressed.h5")]
+
+
 def store(rng: Rng, home: Path) -> str:
     """A round on a packed store: the same events, or a FormatError."""
     folder = home / "stored"
     if not folder.exists():
         put_back(folder / "in", RECORDINGS | {"list.txt": b"x"})
-        for name, compress in (("a.h5", False), ("b.h5", True)):
-            nvsdata.pack(EventFolder(folder / "in", sensor_size=(34, 34)), folder / name, compress=compress)
-    path = home / "store.h5"
-    raw = (folder / choice(rng, ("a.h5", "b.h5"))).read_bytes()
-    kind = rng.integers(0, 4)
+        most = record.MOST_EVENTS
+        for blocks, events in (("one", most), ("many", 13)):
+            record.MOST_EVENTS = events
+            for compress in (False, True):
+                data = EventFolder(folder / "in", sensor_size=(34, 34))
+                nvsdata.pack(data, folder / f"{blocks}-{compress}", compress=compress)
+        record.MOST_EVENTS = most
+    sound = folder / f"{choice(rng, ('one', 'many'))}-{bool(rng.integers(0, 2))}"
+    path = home / "store.nvs"
+    path.unlink(missing_ok=True)
+    path.write_bytes(sound.read_bytes())
+    checked = rng.random() < 0.7
+    if checked:
+        for _ in range(int(rng.integers(1, 3))):
+            # what can't be written, or is no store any more, stays as it is
+            with suppress(ValueError, TypeError, OverflowError, IndexError, KeyError, struct.error):
+                _store_changed(path, rng)
+    else:
+        path.write_bytes(at_random(bytearray(path.read_bytes()), rng))
+    return _same_or_refused(path, None if checked else Store(sound), rng)
+
+
+def _same_or_refused(path: Path, sound: Store | None, rng: Rng) -> str:
+    """What is wrong with what a store says, of which a sound one may be given."""
+    try:
+        found = open_store(path)
+        listing = found.listing()
+    except FormatError:
+        return ""
+    for name in found.names[:4]:
+        try:
+            recording = found.open(name, None)
+            whole = recording.read()
+        except FormatError:
+            continue
+        valid(whole)
+        _ = recording.format, found.size(name), found.stamp(name), found.content(name)
+        if not found.fault(name) and recording.span != (whole.t[0], whole.t[-1]):
+            return f"span {recording.span} of {name}, not {whole.t[[0, -1]]}"
+        if not all(-(2**62) < time < 2**62 for time in (*recording.span, recording.start, recording.end)):
+            return f"{name} is from {recording.start} to {recording.end}"
+        for _ in range(4):
+            edges = rng.choice(whole.t, 2) if len(whole) and rng.random() < 0.7 else rng.integers(-10, 300_000, 2)
+            a, b = np.sort(edges + rng.integers(-2, 60, 2)).tolist()
+            if recording.read(a, b) != whole.window(a, b):
+                return f"the window [{a}, {b}) of {name} differs"
+        if sound is not None and whole != sound.open(name, None).read():
+            return f"{name} differs"
+    for name in [name for name in listing.get(".", []) if name in found._files][:3]:
+        content = found.data(name)
+        if sound is not None and content != sound.data(name):
+            return f"{name} differs: {content!r}"
+    return ""
+
+
+def _store_changed(path: Path, rng: Rng) -> None:
+    """One of a store's parts changed, with right checksums."""
+    found = storefiles.index_of(path)
+    number, kind = int(rng.integers(0, len(found["name"]))), int(rng.integers(0, 6))
+    if kind == 0:
+        name = choice(rng, store_index.SECTIONS)
+        if name == "facts":
+            facts = {key: found[key] for key in ("dataset", "split", "fold")}
+            storefiles.reindex(path, json_changed(facts, rng))
+        elif name == "file_data":
+            storefiles.reindex(path, file_data=at_random(bytearray(found[name]), rng))
+        else:
+            is_text = name in store_index.TEXTS
+            changes = json_changed(found[name], rng) if is_text else array_changed(found[name].astype(np.uint64), rng)
+            storefiles.reindex(path, **{name: changes})
+    elif kind == 1:
+        raw = path.read_bytes()
+        place, length, _ = store_index.index_place(raw[: store_index.BEGIN], len(raw))
+        storefiles.put_index(path, at_random(bytearray(raw[place : place + length]), rng))
+    elif kind == 2:
+        raw = path.read_bytes()
+        place, length, check = store_index.index_place(raw[: store_index.BEGIN], len(raw))
+        numbers = [place, length, check]
+        numbers[int(rng.integers(0, 3))] = int(
+            choice(rng, (0, 8, 63, 64, place + 8, length + 8, len(raw), 2**63, 2**64 - 1))
+        )
+        own = struct.pack("<QQI", *numbers[:2], numbers[2] % 2**32).ljust(store_index.BEGIN - 16, b"\0")
+        head = raw[:8] + struct.pack("<II", store_index.VERSION, storefiles.check_of(own)) + own
+        path.write_bytes(head + raw[store_index.BEGIN :])
+    elif kind == 3:
+        _, head, _ = storefiles.head_at(path, number)
+        name = choice(rng, storefiles.FIELDS[1:])
+        new = (
+            rng.bytes(16)
+            if name == "format"
+            else int(choice(rng, (*NUMBERS, head[name] - 1, head[name] + 1, head[name] - 9)))
+        )
+        storefiles.put_head(path, number, **{name: new})
+    elif kind == 4:
+
+        def other(table: np.ndarray) -> None:
+            name = choice(rng, table.dtype.names)
+            table[name] = changed(table[name], rng)
+
+        storefiles.put_head(path, number, other)
+    else:
+        _, _, table = storefiles.head_at(path, number)
+
+        def some(raw: bytearray) -> bytearray:
+            if rng.random() < 0.5:
+                at = int(rng.integers(0, len(raw)))
+                raw[at] = int(choice(rng, (0, 1, raw[at] ^ 1, 0x7F, 0x80, 0xFF)))
+                return raw
+            return bytearray(at_random(raw[:], rng)[: len(raw)].ljust(len(raw), b"\0"))
+
+        storefiles.put_block(path, number, int(rng.integers(0, len(table))), some)
+
+
+def second_store(rng: Rng, home: Path) -> str:
+    """A round on a packed store of the second layout."""
+    path, sound = home / "store.h5", choice(rng, SECOND)
+    raw, kind = sound.read_bytes(), rng.integers(0, 4)
     if kind == 0:
         raw = at_random(bytearray(raw), rng)
     elif kind == 1:
         raw = hdf5(raw, rng, home)
     else:
-        raw = _store_changed(raw, rng)
+        raw = _second_changed(raw, rng)
     path.unlink(missing_ok=True)
     path.write_bytes(raw)
-    try:
-        found = Store(path)
-        listing = found.listing()
-        for name in found.names[:4]:
-            recording = found.open(name, None)
-            whole = recording.read()
-            valid(whole)
-            _ = recording.span, recording.start, recording.end, recording.format, found.fault(name), found.size(name)
-            a, b = sorted(rng.integers(-10, 300_000, 2).tolist())
-            if recording.read(a, b) != whole.window(a, b):
-                return f"the window [{a}, {b}) of {name} differs"
-            if kind < 2 and name in RECORDINGS:
-                sound = nvsdata.read(folder / "in" / name, sensor_size=(34, 34))
-                if not all(map(np.array_equal, sound.columns, whole.columns)):
-                    return f"{name} differs"
-        for name in listing.get(".", [])[:3]:
-            if name in found._files:
-                found.data(name)
-    except FormatError:
-        pass
-    return ""
+    return _same_or_refused(path, open_store(sound) if kind < 2 else None, rng)
 
 
-def _store_changed(raw: bytes, rng: Rng) -> bytes:
+def _second_changed(raw: bytes, rng: Rng) -> bytes:
     """Arrays of the index changed, with a right checksum."""
     file = io.BytesIO(raw)
     with h5py.File(file, "r+") as opened:
         for _ in range(int(rng.integers(1, 3))):
-            name = f"index/{choice(rng, INDEX)}"
+            name = f"index/{choice(rng, second.INDEX)}"
             array = array_changed(opened[name][()], rng)
             attributes = dict(opened[name].attrs)
             del opened[name]
             opened.create_dataset(name, data=array).attrs.update(attributes)
-        index = {name: opened[f"index/{name}"][()] for name in INDEX}
-        opened.attrs["checksum"] = checksum(index)
+        arrays = {name: opened[f"index/{name}"][()] for name in second.INDEX}
+        opened.attrs["checksum"] = second.checksum(arrays)
     return file.getvalue()
+
+
+def packing(rng: Rng, home: Path) -> str:
+    """A round on the progress of a packing run that was killed."""
+    folder, out = home / "packing", home / "packed.nvs"
+    part = out.with_name(f".{out.name}.part")
+    if not folder.exists():
+        put_back(folder, RECORDINGS | {"list.txt": b"x"})
+    compress = bool(rng.integers(0, 2))
+    data = EventFolder(folder, sensor_size=(34, 34))
+    out.unlink(missing_ok=True)
+    shutil.rmtree(part, ignore_errors=True)
+    finish = writer._finish
+    writer._finish = _killed
+    try:
+        with suppress(KeyboardInterrupt), redirect_stderr(io.StringIO()):
+            nvsdata.pack(data, out, compress=compress)
+    finally:
+        writer._finish = finish
+    for path in [part / name for name in ("data", "journal.jsonl") if rng.random() < 0.7]:
+        if replaced(path, rng, home):
+            continue
+        raw = path.read_bytes()
+        if path.name == "data" or rng.random() < 0.3:
+            path.write_bytes(at_random(bytearray(raw), rng))
+        else:
+            lines = raw.splitlines()
+            at = int(rng.integers(0, len(lines)))
+            with suppress(ValueError, TypeError):
+                lines[at] = json.dumps(json_changed(json.loads(lines[at]), rng)).encode()
+            path.write_bytes(b"\n".join(lines) + b"\n" * int(rng.integers(0, 2)))
+    odd = any(path.is_symlink() or (path.exists() and not path.is_file()) for path in part.iterdir())
+    odd = odd or any(path.exists() and path.stat().st_size > 1 << 28 for path in part.iterdir())
+    try:
+        with redirect_stderr(io.StringIO()):
+            nvsdata.pack(data, out, compress=compress)
+    except OSError as error:
+        return "" if odd and not out.exists() else f"{error}"
+    found = EventFolder(out)
+    same = found.samples == data.samples and all(found[i][0] == data[i][0] for i in range(len(data)))
+    return "" if same and not part.exists() else "the store differs from its dataset"
+
+
+def _killed(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 # manifests, journals, locks
@@ -394,7 +539,8 @@ def lock(rng: Rng, home: Path) -> str:
 
 
 _ROUNDS: dict[str, Callable[[Rng, Path], str]] = {f"index of {kind}": indexed(kind) for kind in (*INDEXED, "aedat4")}
-_ROUNDS |= {"index of a folder": listing, "index of windows": windows, "cache": cached, "store": store}
+_ROUNDS |= {"index of a folder": listing, "index of windows": windows, "cache": cached}
+_ROUNDS |= {"store": store, "store of the second layout": second_store, "packing": packing}
 _ROUNDS |= {"manifest": manifest, "journal": journal, ".davis": davis, "lock": lock}
 ROUNDS = {f"side file: {name}": how for name, how in _ROUNDS.items()}
 

@@ -103,8 +103,9 @@ def where(name: str, root: Path) -> Path | None:
     """Return the folder or store in `root` with the name of a dataset, or None; case and dashes don't matter."""
     wanted = name.replace("-", "")
     for place in sorted(root.iterdir()) if root.is_dir() else ():
-        stem = place.name.removesuffix(".h5").lower()
-        if stem.replace("-", "").replace("_", "") == wanted and (place.is_dir() or place.suffix == ".h5"):
+        store = place.suffix in (".nvs", ".h5")
+        stem = (place.stem if store else place.name).lower()
+        if stem.replace("-", "").replace("_", "") == wanted and (place.is_dir() or store):
             return place
     return None
 

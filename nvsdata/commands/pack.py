@@ -30,11 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help='name of the dataset, as in `nvsdata datasets`, or "folder" for folders with a class each',
     )
-    add("--out", required=True, type=path, metavar="FILE.h5", help="packed store to write")
+    add("--out", required=True, type=path, metavar="FILE.nvs", help="packed store to write")
     add("--split", default="all", help="pack one split only; a store of all recordings contains every split")
     add_jobs(add, "number of processes that decode")
     add("--compress", action="store_true", help="compress the store: smaller, but slower to read")
-    add("--overwrite", action="store_true", help="replace FILE.h5 if it exists")
+    add("--overwrite", action="store_true", help="replace FILE.nvs if it exists")
     add(
         "--dry-run",
         action="store_true",

@@ -118,9 +118,9 @@ class EventDataset(Samples):
         if self.root.is_dir():
             return Folder(self.root)
         if self.root.is_file():
-            from nvsdata.datasets.store.reader import Store
+            from nvsdata.datasets.store.opening import open_store
 
-            store = Store(self.root)
+            store = open_store(self.root)
             if store.dataset != self.info.name:
                 raise ValueError(f"{self.root} contains {store.dataset}, not {self.info.name}")
             # a store of one split doesn't contain the others

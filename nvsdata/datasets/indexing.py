@@ -15,7 +15,8 @@ from torch.utils.data import Dataset
 
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
-from nvsdata.datasets.seeded import Epochs, seeded
+from nvsdata.datasets.epochs import Epochs
+from nvsdata.datasets.seeded import seeded
 from nvsdata.datasets.splits import Halves, held_out, held_out_last, split_hash, stratified
 
 Transform = Callable[[Any], Any]
@@ -238,7 +239,9 @@ class Samples(Dataset[tuple[Any, Any]]):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue with the random numbers of a state.
 
-        The epoch goes on where the state was taken. With persistent workers, call `set_epoch` before each pass instead.
+        The epoch goes on where the state was taken. If that was in the main process, while workers read, the next epoch
+        begins: `StatefulDataLoader` takes the states of its workers. With persistent workers, call `set_epoch` before
+        each pass instead.
 
         Args:
             state: what `state_dict` returned.

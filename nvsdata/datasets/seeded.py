@@ -9,9 +9,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset, Sampler, get_worker_info
+from torch.utils.data import Dataset, Sampler
 
-from nvsdata.common.memory import SharedArray
 from nvsdata.common.validation import whole
 from nvsdata.datasets.order import FIRST, SECOND, STEP, shuffled
 
@@ -22,8 +21,6 @@ Remainder = Literal["pad", "drop", "keep"]
 MOST = 2**62  # samples
 AT_ONCE = 4_096  # samples whose order is computed at a time
 
-PASSES = 64  # number of passes whose epochs are stored, for loaders that are read at the same time
-MAIN = -1  # key of the main process; base seeds are not negative
 
 _seeding = False
 
@@ -47,85 +44,6 @@ def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
             yield
         finally:
             _seeding = False
-
-
-class Epochs:
-    """Epochs of the samples that a dataset returns, set by the user or counted; shared by all workers of a loader.
-
-    Each pass over the data is an epoch. A worker recognizes a new pass by the base seed of the loader's iterator.
-    Persistent workers keep that seed, and the main process has none. In both, an epoch begins with the first sample
-    that is read a second time.
-
-    Args:
-        count: number of samples.
-    """
-
-    def __init__(self, count: int) -> None:
-        # of each sample: 1 + the epoch in which it was last read
-        self._given = SharedArray(count, np.int64)
-        # 1 + the epoch that was set, 0 if none was; number of epochs begun; then base seed and epoch of the last passes
-        self._state = SharedArray(2 + 2 * PASSES, np.int64)
-
-    def set(self, epoch: int) -> None:
-        """Use this epoch for all samples until the next call."""
-        self._state.values[0] = epoch + 1
-
-    def of(self, index: int) -> int:
-        """Return the epoch of a sample that is about to be read."""
-        if self._state.values[0]:
-            return int(self._state.values[0]) - 1
-        # read before the passes: workers that begin a pass at the same moment then write the same values
-        begun = int(self._state.values[1])
-        epoch = self._of_pass()
-        if epoch < 0 or self._given.values[index] == epoch + 1:
-            epoch = begun
-            self._begin(epoch)
-        self._given.values[index] = epoch + 1
-        return epoch
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the epoch, whether it was set, and (without workers) bits of the samples of it that were read."""
-        state: dict[str, Any] = {"samples": self._given.values.size, "set": bool(self._state.values[0]), "read": None}
-        if state["set"]:
-            return state | {"epoch": int(self._state.values[0]) - 1}
-        begun = int(self._state.values[1])
-        epoch = self._of_pass()
-        if epoch >= 0 and get_worker_info() is None:
-            # workers are left out, because they have read more samples than their loader has returned
-            state["read"] = torch.from_numpy(np.packbits(self._given.values == epoch + 1))
-        return state | {"epoch": epoch if epoch >= 0 else begun}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue the epoch of a state. ValueError if the state is of another number of samples."""
-        given, epoch, read = self._given.values, state["epoch"], state["read"]
-        if state["samples"] != given.size:
-            raise ValueError(f"the state is of {state['samples']} samples, not of {given.size}")
-        self._state.values[0] = epoch + 1 if state["set"] else 0
-        if state["set"]:
-            return
-        given[given > epoch] = 0
-        if read is not None:
-            given[np.unpackbits(read.numpy(), count=given.size) > 0] = epoch + 1
-        keys = self._state.values[2::2]
-        keys[keys == _pass()] = 0
-        self._begin(epoch)
-
-    def _of_pass(self) -> int:
-        """Return the epoch of the pass in progress, -1 if there is none."""
-        keys, epochs = self._state.values[2::2], self._state.values[3::2]
-        return int(epochs[keys == _pass()].max(initial=-1))
-
-    def _begin(self, epoch: int) -> None:
-        """Store that the pass in progress is an epoch."""
-        at = 2 + 2 * (epoch % PASSES)
-        self._state.values[at : at + 2] = _pass(), epoch
-        self._state.values[1] = epoch + 1
-
-
-def _pass() -> int:
-    """Return a number of the pass in progress: the base seed that its workers share."""
-    worker = get_worker_info()
-    return MAIN if worker is None else worker.seed - worker.id
 
 
 class SeededDataset(Dataset[Any]):
@@ -221,8 +139,9 @@ class SeededBatches(Sampler[list[Key]]):
         if self.batch_size % self.count and remainder != "keep":
             raise ValueError(f"{self.count} processes can't have equal parts of a batch of {self.batch_size}")
         steps = self.size // self.batch_size if remainder == "drop" else -(-self.size // self.batch_size)
-        self._next: tuple[int, int] = (self.first, self.start)
+        self._next = self.first, self.start
         self._resumed: tuple[int, int] | None = None
+        self._latest: object = None
         if self.start > steps:
             raise ValueError(f"start must be at most {steps}, the steps of an epoch, not {start}")
 
@@ -236,8 +155,13 @@ class SeededBatches(Sampler[list[Key]]):
         return full + (left > 0 and self.remainder == "pad")
 
     def __len__(self) -> int:
-        epochs = max(self.last - self.first, 0)
-        return self.steps * epochs - min(self.start, self.steps) * (epochs > 0)
+        epoch, step = self._begin
+        return max(self.steps * (self.last - epoch) - min(step, self.steps), 0)
+
+    @property
+    def _begin(self) -> tuple[int, int]:
+        """Epoch and step at which the next iteration begins."""
+        return self._resumed or (self.first, self.start)
 
     def set_epoch(self, epoch: int) -> None:
         """Iterate over this epoch only from now on, from its first step.
@@ -245,7 +169,7 @@ class SeededBatches(Sampler[list[Key]]):
         Lightning calls it before each epoch, and needs it because its epochs are passes over the loader.
         """
         whole("epoch", epoch, 0)
-        self.first, self.last, self.start = epoch, epoch + 1, 0
+        self.first, self.last, self.start, self._resumed = epoch, epoch + 1, 0, None
 
     @property
     def sampler(self) -> SeededBatches:
@@ -253,32 +177,39 @@ class SeededBatches(Sampler[list[Key]]):
         return self
 
     def state_dict(self) -> dict[str, int]:
-        """Return epoch and step of the next batch of the latest iteration, and the epoch after its last one.
+        """Return epoch and step of the next batch of the latest iteration.
 
         torchdata's `StatefulDataLoader` calls it.
         """
         epoch, step = self._next
-        return {"epoch": epoch, "step": step, "last": self.last}
+        return {"epoch": epoch, "step": step}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Begin the next iteration at the batch of a state."""
-        self._resumed = state["epoch"], state["step"]
-        self.last = state["last"]
+        """Begin the next iteration at the batch of a state. It reaches to the end of that epoch, or to `last`.
+
+        Raises:
+            ValueError: An epoch has fewer steps.
+        """
+        epoch, step = state["epoch"], state["step"]
+        if not 0 <= step <= self.steps:
+            raise ValueError(f"the state is of step {step}, and an epoch has {self.steps}: of another batch size?")
+        self._resumed = self._next = epoch, step
+        self.last = max(self.last, epoch + 1)
 
     def __iter__(self) -> Iterator[list[Key]]:
         # not a generator: `set_epoch` must not move an iteration that has begun
-        begin, self._resumed = self._resumed or (self.first, self.start), None
-        self._next = begin
-        return self._iterated(*begin, self.last)
+        self._next, self._resumed, self._latest = self._begin, None, object()
+        return self._iterated(*self._next, self.last, self._latest)
 
-    def _iterated(self, first: int, start: int, last: int) -> Iterator[list[Key]]:
+    def _iterated(self, first: int, start: int, last: int, iteration: object) -> Iterator[list[Key]]:
         # the order of several steps is computed at a time, because each call takes 0.3 ms
         several = max(AT_ONCE // self.batch_size, 1)
         for epoch in range(first, last):
             for begin in range(start if epoch == first else 0, self.steps, several):
                 steps = range(begin, min(begin + several, self.steps))
                 for step, batch in zip(steps, self._batches(epoch, steps), strict=True):
-                    self._next = epoch, step + 1
+                    if iteration is self._latest:
+                        self._next = epoch, step + 1
                     yield batch
 
     def batch(self, epoch: int, step: int) -> list[Key]:

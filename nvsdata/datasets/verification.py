@@ -17,6 +17,7 @@ from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import ExpectedCount
 from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
+from nvsdata.datasets.store.opening import open_store
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
 
@@ -53,11 +54,11 @@ def problems(
     yield from _by_manifests(root, counts)
     if dataset is not None:
         found = dataset.complete(root)
-    elif root.is_file() and (store := Store(root)).dataset in DATASETS:
+    elif root.is_file() and (store := open_store(root)).dataset in DATASETS:
         kind = DATASETS[store.dataset]
         found = kind.complete(root) if store.split == "all" else kind(root, store.split, fold=store.fold or None)
     else:
-        yield from _of_files(Store(root) if root.is_file() else Folder(root), root, counts)
+        yield from _of_files(open_store(root) if root.is_file() else Folder(root), root, counts)
         return
     left_out = found.source.left_out
     yield from ((name, f"left out when it was packed: {reason}") for name, reason in left_out.items())
@@ -71,7 +72,7 @@ def problems(
 def split_hashes(root: Path, dataset: type[EventDataset] | None = None) -> dict[str, str]:
     """Return the hash of each split that `root` has, by name; empty for an unknown dataset."""
     kind, found = dataset, dict[str, str]()
-    if kind is None and root.is_file() and (name := Store(root).dataset) in DATASETS:
+    if kind is None and root.is_file() and (name := open_store(root).dataset) in DATASETS:
         kind = DATASETS[name]
     if kind is None:
         return found

@@ -47,6 +47,9 @@ class Format:
     holds_samples: bool = False
 
 
+STORE = b"NVSSTORE"  # first bytes of a packed store
+
+
 def starts_with(mark: bytes) -> Callable[[bytes], bool]:
     """Return a function `begins` for a format whose files begin with `mark`."""
     return lambda head: head.startswith(mark)
@@ -133,6 +136,8 @@ def format_of(path: str, head: bytes) -> Format:
 
     FormatError if no format fits.
     """
+    if head.startswith(STORE):
+        raise FormatError(path, "a packed store of many recordings: open it with its dataset's class")
     suffix = os.path.splitext(path)[1].lower()
     found = _marked(head)
     if found is None and FORMATS.load_installed():

@@ -6,9 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from counting_work import PROCESS, bytes_read
+from storefiles import block_places
 
 import nvsdata
 from nvsdata import EventFolder, Events
+from nvsdata.datasets.store.index import BEGIN, index_place
+from nvsdata.datasets.store.reader import AT_ONCE, Store
+from nvsdata.datasets.store.record import MOST_EVENTS
 from nvsdata.datasets.store.writer import pack
 from nvsdata.formats import index_cache
 from nvsdata.formats.contents import PIECE
@@ -20,6 +24,7 @@ N, GAP, SIZE = 100_000, 10, (128, 128)
 SHARES = (0.001, 0.01, 0.1, 1)
 COMPARED = 2 * 2  # blocks
 HEAD = 1 << 16  # bytes by which a file is recognized
+LONG = 25 * MOST_EVENTS // 2  # events of a recording in a store
 
 
 class Kind(NamedTuple):
@@ -177,20 +182,53 @@ def test_of_packets_only_those_around_the_window_are_inflated(files, monkeypatch
         assert len(inflated) <= count / 8192 + 4
 
 
-@pytest.mark.parametrize("compress", [False, True])
-def test_a_window_of_a_store_takes_the_bytes_of_its_events(tmp_path, compress):
-    (tmp_path / "data/a").mkdir(parents=True)
-    for name, n in (("0", 1_000), ("1", N)):
-        nvsdata.write(events(n), tmp_path / f"data/a/{name}.h5")
-    pack(EventFolder(tmp_path / "data"), tmp_path / "a.h5", compress=compress)
-    recording = EventFolder(tmp_path / "a.h5").recording(1)
-    # it is verified, then kernels are loaded
-    for _ in range(2):
-        recording.read(0, GAP)
-    size = (tmp_path / "a.h5").stat().st_size
+@pytest.fixture(scope="module", params=[False, True], ids=["plain", "compressed"])
+def packed(tmp_path_factory, request):
+    """A store of a short recording, one of two blocks, and one of twelve and a half."""
+    folder = tmp_path_factory.mktemp("packed")
+    (folder / "data/a").mkdir(parents=True)
+    for name, n in enumerate((1_000, 2 * MOST_EVENTS, LONG)):
+        nvsdata.write(events(n), folder / f"data/a/{name}.h5")
+    pack(EventFolder(folder / "data"), folder / "a.h5", compress=request.param)
+    return folder / "a.h5"
+
+
+def test_a_window_of_a_store_takes_the_blocks_that_it_is_in(packed):
+    recording = EventFolder(packed).recording(2)
+    ends = np.array(block_places(packed, 2))
     for share in SHARES:
-        count = round(share * N)
-        for start in {0, (N - count) // 2, N - count}:
-            # every 256th time is known; what is compressed is so in chunks, and HDF5 is asked where these are
-            beyond = 2 * 256 * 8 + (size * 0.5 + 32_768 if compress else 0)
-            assert taken(recording, start, count) <= size * share + beyond
+        count = round(share * LONG)
+        for start in {0, 5 * MOST_EVENTS, (LONG - count) // 2, LONG - count}:
+            if start + count > LONG:
+                continue
+            # the block before too, because equal times could begin there
+            first = max((start - 1) // MOST_EVENTS, 0)
+            last = -(-(start + count) // MOST_EVENTS)
+            assert taken(recording, start, count) == ends[last] - ends[first]
+
+
+def test_a_window_beside_the_events_takes_a_block_at_most(packed):
+    recording = EventFolder(packed).recording(2)
+    most = np.diff(block_places(packed, 2)).max()
+    for window in ((-1_000, 0), (LONG * GAP, LONG * GAP + 1_000), (500_000 * GAP + 1, 500_000 * GAP + 2)):
+        with bytes_read() as tally:
+            assert not len(recording.read(*window))
+        assert tally["bytes"] <= most
+
+
+def test_a_store_is_opened_by_its_head_and_index_and_a_recording_by_its_head(packed):
+    raw = packed.read_bytes()
+    _, length, _ = index_place(raw[:BEGIN], len(raw))
+    with bytes_read() as tally:
+        store = Store(packed)
+    assert tally["bytes"] == BEGIN + length
+    for number, name in enumerate(store.names):
+        with bytes_read() as tally:
+            recording = store.open(name, None)
+        room = store._place[number + 1] - store._place[number]
+        assert tally["bytes"] == min(room, AT_ONCE)
+        # what was read with the head isn't read again
+        with bytes_read() as tally:
+            recording.read()
+        first, *_, last = block_places(packed, number)
+        assert tally["bytes"] == (0 if room <= AT_ONCE else last - first)

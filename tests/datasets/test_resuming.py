@@ -84,6 +84,23 @@ def test_a_stateful_loader_goes_back_in_the_same_process(dataset, workers):
     assert (batches(loader), batches(loader)) == (rest, following)
 
 
+@pytest.mark.parametrize("passes", [0, 1, 2])
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_state_of_the_main_process_between_passes_continues_with_the_next_one(dataset, passes, workers):
+    data = dataset()
+    loader = DataLoader(data, BATCH, num_workers=workers)
+    for _ in range(passes):
+        batches(loader)
+    state = copy.deepcopy(data.state_dict())
+    expected = batches(loader)
+    other = dataset()
+    other.load_state_dict(state)
+    assert batches(DataLoader(other, BATCH, num_workers=workers)) == expected
+    # and back
+    data.load_state_dict(state)
+    assert batches(loader) == expected
+
+
 @pytest.mark.parametrize("persistent", [False, True])
 def test_a_stateful_loader_continues_an_epoch_that_was_set(dataset, persistent):
     def passes(loader, data, epochs, count=None):
@@ -238,3 +255,42 @@ def test_eight_processes_stop_and_others_continue():
 @pytest.mark.long
 def test_eight_processes_with_eight_workers_each_stop_and_others_continue():
     check_stopped_runs(stopped_runs(8, 6))
+
+
+def test_batches_have_a_state_from_the_beginning():
+    whole = list(SeededBatches(30, 4, last=3, shuffle=True))
+    order = SeededBatches(30, 4, last=3, shuffle=True)
+    for done, batch in enumerate(order, 1):
+        assert order.state_dict() == {"epoch": (done - 1) // STEPS, "step": (done - 1) % STEPS + 1}
+        assert batch == whole[done - 1]
+        other = SeededBatches(30, 4, last=3, shuffle=True)
+        other.load_state_dict(order.state_dict())
+        assert other.state_dict() == order.state_dict()
+        assert len(other) == len(whole) - done
+        assert list(other) == whole[done:]
+        # once: the next iteration is the whole one
+        assert len(other) == len(list(other)) == len(whole)
+
+
+def test_the_state_of_batches_is_that_of_the_latest_iteration():
+    order = SeededBatches(30, 4)
+    older = iter(order)
+    next(older)
+    newer = iter(order)
+    next(older)
+    assert order.state_dict() == {"epoch": 0, "step": 0}
+    next(newer)
+    assert order.state_dict() == {"epoch": 0, "step": 1}
+
+
+def test_an_epoch_that_is_set_takes_the_place_of_a_state():
+    order = SeededBatches(30, 4, shuffle=True)
+    order.load_state_dict({"epoch": 3, "step": 2})
+    order.set_epoch(5)
+    assert list(order) == list(SeededBatches(30, 4, first=5, last=6, shuffle=True))
+    # a longer run than the one that was stopped
+    longer = SeededBatches(30, 4, last=4)
+    longer.load_state_dict({"epoch": 1, "step": 7})
+    assert len(list(longer)) == 2 * STEPS + 1
+    with pytest.raises(ValueError, match="the state is of step 9, and an epoch has 8: of another batch size"):
+        order.load_state_dict({"epoch": 0, "step": 9})

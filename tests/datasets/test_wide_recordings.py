@@ -2,10 +2,10 @@
 
 import os
 
-import h5py
 import pytest
 import torch
 from graphs import same
+from storefiles import head_at
 from wide import LARGE, corners
 
 import nvsdata
@@ -34,7 +34,7 @@ def test_a_store_keeps_every_pixel(folder, tmp_path, compress):
     report = pack(EventFolder(folder, "all"), tmp_path / "a.h5", compress=compress)
     assert (report.packed, report.skipped) == (6, {})
     read = EventFolder(tmp_path / "a.h5", "all")
-    found = set()
+    found, most = set(), [0, 0]
     for i in range(6):
         size = tuple(map(int, read.classes[read.targets[i]].split("x")))
         ev, recording = corners(size), read.recording(i)
@@ -43,9 +43,10 @@ def test_a_store_keeps_every_pixel(folder, tmp_path, compress):
         assert recording.read(3_001, 7_000) == ev.window(3_001, 7_000)
         assert [column.dtype for column in recording.read().columns] == [column.dtype for column in ev.columns]
         found.add(size)
+        most = [max(most[0], int(recording.read().x.max())), max(most[1], int(recording.read().y.max()))]
+        assert head_at(tmp_path / "a.h5", i)[1]["xy_bytes"] == (1 if max(size) <= 256 else 2)
     assert found == set(SIZES)
-    with h5py.File(tmp_path / "a.h5") as file:
-        assert (file["events/x"][()].max(), file["events/y"][()].max()) == (1279, 719)
+    assert most == [1279, 719]
 
 
 @pytest.mark.parametrize("size", [(256, 256), (257, 40), (40, 257), *LARGE])
@@ -56,8 +57,10 @@ def test_a_store_of_one_sensor_has_as_many_bits_as_it_needs(tmp_path, size, stat
     nvsdata.write(ev, tmp_path / "events" / "a" / "0.h5")
     pack(EventFolder(tmp_path / "events", "all", sensor_size=size if stated else None), tmp_path / "a.h5")
     assert EventFolder(tmp_path / "a.h5", "all").recording(0).read() == ev
-    with h5py.File(tmp_path / "a.h5") as file:
-        assert file["events/x"].dtype.itemsize == (1 if max(size) == 256 else 2)
+    _, head, table = head_at(tmp_path / "a.h5", 0)
+    assert (head["width"], head["height"]) == size
+    assert head["xy_bytes"] == (1 if max(size) == 256 else 2)
+    assert table["bytes"].sum() == len(ev) * (4 + 2 * head["xy_bytes"] + 1)
 
 
 HEADS = [

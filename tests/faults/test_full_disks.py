@@ -171,7 +171,7 @@ def test_an_interrupted_batch_says_how_much_is_done_and_how_to_resume(tmp_path, 
     with small_disk(tmp_path / "disk") as resize:
         packing = ["pack", str(tmp_path / "in"), "--dataset", "folder", "--out", str(tmp_path / "disk/b.h5")]
         converting = ["convert-videos", str(tmp_path / "videos"), "--out", str(tmp_path / "disk/out")]
-        for command, word, pages in ((packing, "recordings are in", 24), (converting, "videos are done", 12)):
+        for command, word, pages in ((packing, "recordings are in", 12), (converting, "videos are done", 12)):
             (tmp_path / "disk/b.h5").unlink(missing_ok=True)
             resize(pages * PAGE)
             assert main(command) == 1

@@ -3,14 +3,15 @@
 import os
 from contextlib import suppress
 
-import h5py
 import numpy as np
 import pytest
 from lookalikes import aedat4_bytes, evt2_bytes, evt3_bytes, evt21_bytes
+from storefiles import block_places, put_block
 
 import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.datasets import EventFolder
+from nvsdata.datasets.store import reader
 from nvsdata.datasets.store.writer import pack
 from nvsdata.formats import contents, ondisk
 from nvsdata.formats.evt.evt2 import Evt21Recording
@@ -170,26 +171,70 @@ def test_a_journal_that_is_reset_in_a_later_pass_is_an_error(tmp_path, monkeypat
         nvsdata.read(path)
 
 
+def stored(folder, n, compress):
+    """A store of one recording of `n` events, the recording, opened, and its events."""
+    t = np.arange(n) * 10
+    ev = Events(t, t % 101, t % 90, t // 30 % 2, SIZE)
+    (folder / "data/a").mkdir(parents=True)
+    nvsdata.write(ev, folder / "data/a/0.h5")
+    pack(EventFolder(folder / "data"), folder / "a.h5", compress=compress)
+    return folder / "a.h5", EventFolder(folder / "a.h5").recording(0), ev
+
+
 @pytest.mark.parametrize("compress", [False, True])
 def test_a_store_that_is_changed_meanwhile(tmp_path, compress):
-    """Out of order, and with a column that has become shorter than the others."""
-    t = np.arange(3_000) * 10
-    (tmp_path / "data/a").mkdir(parents=True)
-    nvsdata.write(Events(t, t % 100, t % 90, t % 2, SIZE), tmp_path / "data/a/0.h5")
-    pack(EventFolder(tmp_path / "data"), tmp_path / "a.h5", compress=compress)
-    recording = EventFolder(tmp_path / "a.h5").recording(0)
-    check(recording.read(1_000, 20_000))
-    with h5py.File(tmp_path / "a.h5", "r+") as store:
-        store["events/t"][1_500:] = store["events/t"][1_500:][::-1]
-    with pytest.raises(FormatError, match=r"events of .* are out of order: pack it again"):
+    """Blocks with their own checksums, but not those that were read with the head; and a file that is cut."""
+    path, recording, ev = stored(tmp_path, 200_000, compress)
+    sound = path.read_bytes()
+    assert recording.read(1_000, 20_000) == ev.window(1_000, 20_000)
+
+    def reverse(raw):
+        return raw[::-1]
+
+    put_block(path, 0, 1, reverse)
+    with pytest.raises(FormatError, match=r"a/0\.h5.* its events fail their checksum: the store is damaged"):
         recording.read()
-    if compress:
-        with h5py.File(tmp_path / "a.h5", "r+") as store:
-            half = store["events/x"][:1_500]
-            del store["events/x"]
-            store.create_dataset("events/x", data=half, chunks=(500,), compression="gzip")
-        with pytest.raises(FormatError, match="was changed while it was read"):
-            recording.read()
+    # other blocks are fine
+    assert recording.read(1_000, 20_000) == ev.window(1_000, 20_000)
+    path.write_bytes(sound)
+    assert recording.read() == ev
+    begin, end = block_places(path, 0)[1:3]
+    os.truncate(path, (begin + end) // 2)
+    with pytest.raises(FormatError, match="truncated while it was read"):
+        recording.read()
+    assert recording.read(1_000, 20_000) == ev.window(1_000, 20_000)
+    os.truncate(path, 0)
+    with pytest.raises(FormatError, match="truncated while it was read"):
+        recording.read(1_000_000, 1_000_010)
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_store_that_is_replaced_meanwhile_is_read_as_it_was(tmp_path, compress):
+    path, recording, ev = stored(tmp_path, 200_000, compress)
+    other = Events([5], [1], [1], [1], SIZE)
+    nvsdata.write(other, tmp_path / "data/a/0.h5")
+    pack(EventFolder(tmp_path / "data"), path, compress=compress, overwrite=True)
+    assert recording.read() == ev
+    assert EventFolder(path).recording(0).read() == other
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_other_bytes_in_a_later_read_of_a_store_are_an_error(tmp_path, compress, monkeypatch):
+    _, recording, ev = stored(tmp_path, 200_000, compress)
+    rng = np.random.default_rng(0)
+
+    def flipped(descriptor, path, at, target):
+        read(descriptor, path, at, target)
+        raw = target.reshape(-1).view(np.uint8)
+        raw[rng.integers(0, raw.size)] ^= 1 << rng.integers(0, 8)
+
+    read = reader.read_into
+    monkeypatch.setattr(reader, "read_into", flipped)
+    for window in ((1_999_000, 1_999_990), (0, 1_000_000), ()) * 20:
+        with pytest.raises(FormatError, match="its events fail their checksum"):
+            recording.read(*window)
+    monkeypatch.undo()
+    assert recording.read() == ev
 
 
 @pytest.mark.parametrize("what", ["whole", "window"])

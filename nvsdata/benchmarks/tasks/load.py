@@ -167,7 +167,7 @@ def _listing(options: Options, count: int, again: bool) -> PreparedCase:
 
 def _windows_of_store(options: Options, count: int) -> PreparedCase:
     """Prepare a store of `count` recordings of 40 events each, so that a million fit on any disk."""
-    path = options.scratch / f"store-{count}.h5"
+    path = options.scratch / f"store-{count}.nvs"
     if not path.exists():
         short = _written(options.scratch / "short", [events[:FIRST] for events in digits(options, 100)], 100)
         pack(NMNIST(short, "all"), path)
@@ -177,34 +177,25 @@ def _windows_of_store(options: Options, count: int) -> PreparedCase:
 
 def _repeat(path: Path, count: int) -> None:
     """Repeat the recordings of a store under other names, up to `count` or a few more."""
-    import h5py
+    from nvsdata.datasets.store.index import BEGIN, file_head, index_place, packed_index, unpacked_index
 
-    from nvsdata.datasets.store.reader import COLUMNS, INDEX, checksum, pack_texts
-
-    with h5py.File(path, "r+") as file:
-        index = {name: file[f"index/{name}"][()] for name in INDEX}
-        known = len(index["base"])
-        times = -(-count // known)
-        for name in COLUMNS:
-            column = file[f"events/{name}"][()]
-            del file[f"events/{name}"]
-            target = file.create_dataset(f"events/{name}", shape=(column.size * times,), dtype=column.dtype)
-            for k in range(times):
-                target[k * column.size : (k + 1) * column.size] = column
-        counts = np.tile(np.diff(index["offset"]), times)
-        index["offset"] = np.concatenate(([0], np.cumsum(counts)))
-        for name in ("base", "duration", "mark", "bytes", "crc"):
-            index[name] = np.tile(index[name], times)
-        for name in ("size", "time"):
-            index[name] = np.tile(index[name], (times, 1))
-        whole = known * times
-        index["format"], index["name"] = (
-            pack_texts(text.format(n % 10, n) for n in range(whole)) for text in ("atis", "Train/{}/{:07d}.bin")
-        )
-        for name in INDEX:
-            del file[f"index/{name}"]
-            file[f"index/{name}"] = index[name]
-        file.attrs["checksum"] = checksum(index)
+    whole = path.read_bytes()
+    place, length, _ = index_place(whole[:BEGIN], len(whole))
+    index = unpacked_index(whole[place : place + length])
+    known = len(index["name"])
+    times = -(-count // known)
+    shifts = np.arange(times)[:, None] * (place - BEGIN)
+    for name in ("bytes", "check"):
+        index[name] = np.tile(index[name], times)
+    index["place"] = np.append(index["place"][:-1] + shifts, BEGIN + times * (place - BEGIN))
+    index["name"] = [f"Train/{n % 10}/{n:07d}.bin" for n in range(known * times)]
+    facts = {name: index.pop(name) for name in ("dataset", "split", "fold")}
+    packed = packed_index(facts, **index)
+    with path.open("wb") as file:
+        file.write(file_head(int(index["place"][-1]), packed))
+        for _ in range(times):
+            file.write(whole[BEGIN:place])
+        file.write(packed)
 
 
 def _random_samples(dataset: Any) -> PreparedCase:

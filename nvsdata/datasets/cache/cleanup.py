@@ -14,8 +14,8 @@ from nvsdata.common.locks import OutputInUse, is_dead_lock, is_locked, locked, r
 from nvsdata.datasets.archives.download import WORK
 from nvsdata.datasets.cache.cached import TAG
 from nvsdata.datasets.source import CACHE_TAG, INDEX
-from nvsdata.datasets.store.part import JOURNAL
-from nvsdata.datasets.store.reader import COLUMNS
+from nvsdata.datasets.store.part import DATA, JOURNAL
+from nvsdata.datasets.store.second import COLUMNS as SECOND
 from nvsdata.formats.index_cache import SUFFIX
 
 # path of a sample in a cache: key, shard and number, as `Cached` names them; or its temporary file of a killed process
@@ -86,7 +86,7 @@ def _output_of(folder: Path) -> Path | None:
     if not (folder.name.startswith(".") and folder.name.endswith(PART)):
         return None
     # a process killed while it made or removed the folder leaves only some of these files
-    ours = {path.name for path in folder.iterdir()} <= {*COLUMNS, JOURNAL}
+    ours = {path.name for path in folder.iterdir()} <= {DATA, JOURNAL, *SECOND}
     return folder.with_name(folder.name[1 : -len(PART)]) if ours else None
 
 

@@ -1,1 +1,1 @@
-"""The packed store: all recordings of a dataset in one file (docs/store.md)."""
+"""The packed store: all recordings of a dataset in one file (docs/dev/store.md)."""

@@ -3,72 +3,89 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
+from nvsdata.common.errors import FormatError
 from nvsdata.common.files import MOST_LINES, append_own, json_line, parsed_line, read_own, remove_link, write_all
-from nvsdata.data.events import EVER, LATEST, check_sensor_size
+from nvsdata.data.events import EVER
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.store.reader import COLUMNS, VERSION, crc_of
-from nvsdata.kernels.decode.order import is_sorted
+from nvsdata.datasets.store.index import ALIGNED, BEGIN, VERSION
+from nvsdata.datasets.store.record import HEAD, BlockError, events_of, head_of
+from nvsdata.formats.ondisk import read_into
 
-JOURNAL = "journal.jsonl"
+JOURNAL, DATA = "journal.jsonl", "data"
+
+
+@dataclass(frozen=True)
+class JournalLine:
+    """Line of the journal about a packed recording.
+
+    Attributes:
+        name: the recording.
+        events: number of its events.
+        length: bytes of its record.
+        check: checksum of the record's head and table of blocks.
+        bytes: size of the packed file.
+        stamp: stamp of the packed file.
+    """
+
+    name: str
+    events: int
+    length: int
+    check: int
+    bytes: int
+    stamp: list[int]
 
 
 class Part:
-    """A folder with a raw file per column and a journal with a line per recording. To be used in a `with` block.
+    """A folder with the records of a store and a journal with a line per recording. To be used in a `with` block.
 
     The first line of the journal identifies the dataset. The recordings of an earlier run are reused up to the first
-    recording that has changed, is missing, or whose events on the disk differ from those that were written.
+    recording that has changed, is missing, or whose record on the disk is damaged.
 
     Args:
         folder: the folder, made if needed.
         dataset: the dataset that is packed.
         names: names of its recordings.
+        compress: whether records are compressed.
 
     Attributes:
-        facts: journal lines of the packed recordings.
+        facts: the packed recordings.
         skipped: recordings that weren't packed, name to reason.
-        events: number of events so far.
+        end: number of bytes of the store so far.
     """
 
-    def __init__(self, folder: Path, dataset: EventDataset, names: list[str]) -> None:
+    def __init__(self, folder: Path, dataset: EventDataset, names: list[str], *, compress: bool) -> None:
         self.folder, self._source = folder, dataset.source
-        self.facts: list[dict[str, Any]] = []
-        self.events = 0
+        self.facts: list[JournalLine] = []
+        self.end = BEGIN
         reasons = dataset.source.left_out
         self.skipped = {name: reasons.get(name, "empty") for name in dataset.skipped}
-        # bytes suffice if all recordings are opened with a small size; if each file states its own, a later one may be
-        # larger
-        size = dataset.opened_with
-        kind = np.dtype(np.uint8 if size is not None and max(size) <= 256 else np.uint16)
-        self.kinds = {"t": np.dtype(np.int64), "x": kind, "y": kind, "p": np.dtype(np.uint8)}
         self._head = {
             "version": VERSION,
             "dataset": dataset.info.name,
             "root": str(dataset.root.resolve()),
-            "kinds": [kind.str for kind in self.kinds.values()],
             "opened_with": list(dataset.opened_with or ()),
+            "compress": compress,
         }
         remove_link(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        for name in self.kinds:
-            append_own(folder / name).close()
+        append_own(self.data).close()
         self._resume(set(names))
+
+    @property
+    def data(self) -> Path:
+        """The file with the records, which becomes the store."""
+        return self.folder / DATA
 
     @property
     def done(self) -> set[str]:
         """Names of the recordings that are packed or left out."""
-        return {facts["name"] for facts in self.facts} | set(self.skipped)
-
-    def raw(self) -> dict[str, np.ndarray]:
-        """Return the columns of all recordings packed so far, in sequence."""
-        # an empty file can't be mapped, but without events no store is written
-        return {name: np.memmap(self.folder / name, kind, "r") for name, kind in self.kinds.items()}
+        return {facts.name for facts in self.facts} | set(self.skipped)
 
     def _resume(self, names: set[str]) -> None:
         journal = self.folder / JOURNAL
@@ -78,108 +95,80 @@ class Part:
         lines = [line for line in lines if line.endswith(b"\n")]
         if lines and parsed_line(lines[0]) == self._head:
             valid = len(lines[0])
-            with ExitStack() as stack:
-                columns = [stack.enter_context((self.folder / name).open("rb")) for name in self.kinds]
+            with self.data.open("rb") as file:
                 for line in lines[1:]:
-                    facts = parsed_line(line)
-                    if facts is None or not _is_valid(facts, names) or not self._is_intact(facts, columns):
+                    given = parsed_line(line)
+                    if given is None or not self._is_valid(given, names, file.fileno()):
                         break
                     valid += len(line)
                     # recordings left out are tried again, because they may have been repaired
-                    if "skipped" not in facts:
-                        self._note(facts)
-                        names.remove(facts["name"])
+                    if "skipped" not in given:
+                        self._note(JournalLine(**given))
+                        names.remove(given["name"])
         with append_own(journal) as file:
             file.truncate(valid)
             if not valid:
                 write_all(file.fileno(), json_line(self._head).encode())
-        for name, kind in self.kinds.items():
-            os.truncate(self.folder / name, self.events * kind.itemsize)
+        with append_own(self.data) as file:
+            # a longer or shorter one
+            file.truncate(self.end)
 
-    def _is_intact(self, facts: dict[str, Any], columns: Sequence[IO[bytes]]) -> bool:
-        """Return whether a recording in the journal is unchanged and its events are in the raw files."""
-        if "skipped" in facts:
-            return True
-        try:
-            if list(self._source.stamp(facts["name"])) != facts["stamp"]:
-                return False
-            t, x, y, p = found = self._next(facts["events"], columns)
-        except OSError:
+    def _is_valid(self, given: dict[str, Any], names: set[str], handle: int) -> bool:
+        """Return whether a line of the journal is of an unchanged recording whose record is on the disk."""
+        if not isinstance(given.get("name"), str) or given["name"] not in names:
             return False
-        width, height = facts["size"]
-        possible = x.max() < width and y.max() < height and p.max() <= 1 and t[0] == 0 and is_sorted(t)
-        return bool(possible and facts["base"] + int(t[-1]) < LATEST and crc_of(found) == facts["crc"])
+        if "skipped" in given:
+            return isinstance(given["skipped"], str)
+        try:
+            facts = JournalLine(**given)
+            numbers = [facts.events, facts.length, facts.check, facts.bytes, *facts.stamp]
+            if not all(type(number) is int and EVER[0] <= number <= EVER[1] for number in numbers):
+                return False
+            return list(self._source.stamp(facts.name)) == facts.stamp and self._is_intact(facts, handle)
+        except (OSError, TypeError, ValueError, KeyError):
+            return False
 
-    def _next(self, count: int, columns: Sequence[IO[bytes]]) -> list[np.ndarray]:
-        """Return the next `count` events in the raw files; OSError if there are fewer."""
-        found = []
-        for file, kind in zip(columns, self.kinds.values(), strict=True):
-            if os.fstat(file.fileno()).st_size < (self.events + count) * kind.itemsize:
-                raise OSError(f"{file.name} is shorter than its journal says")
-            file.seek(self.events * kind.itemsize)
-            found.append(np.frombuffer(file.read(count * kind.itemsize), kind))
-        return found
+    def _is_intact(self, facts: JournalLine, handle: int) -> bool:
+        """Return whether the next record on the disk is that of a line, and intact."""
+        room = os.fstat(handle).st_size - self.end
+        if not HEAD.size <= facts.length <= room or facts.length % ALIGNED or facts.bytes < 0:
+            return False
+        raw = np.empty(facts.length, np.uint8)
+        try:
+            read_into(handle, str(self.data), self.end, raw)
+            head = head_of(raw, facts.length)
+            blocks = raw[head.bytes : head.bytes + int(head.blocks["bytes"].sum())]
+            t = events_of(head, 0, head.blocks.size, blocks, *EVER, int(head.blocks["events"].sum())).t
+        except (FormatError, BlockError, ValueError):
+            return False
+        return head.check == facts.check and t.size == facts.events and (int(t[0]), int(t[-1])) == head.span
 
-    def _note(self, line: dict[str, Any]) -> None:
-        if "skipped" in line:
-            self.skipped[line["name"]] = line["skipped"]
-            return
-        self.facts.append(line)
-        self.events += line["events"]
+    def _note(self, facts: JournalLine) -> None:
+        self.facts.append(facts)
+        self.end += facts.length
 
     def __enter__(self) -> Self:
         # unbuffered, so that errors of the disk show at once
-        self._columns = {name: append_own(self.folder / name) for name in COLUMNS}
-        self._journal = append_own(self.folder / JOURNAL)
+        self._data, self._journal = append_own(self.data), append_own(self.folder / JOURNAL)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for file in (*self._columns.values(), self._journal):
-            file.close()
+        self._data.close()
+        self._journal.close()
 
-    def add(self, name: str, result: tuple[dict[str, Any], list[np.ndarray]] | str) -> None:
-        """Append a recording: first its columns, then the journal line that makes it valid.
+    def add(self, name: str, result: tuple[JournalLine, bytes] | str) -> None:
+        """Append a recording: first its record, then the journal line that makes it valid.
 
         Args:
             name: the recording.
-            result: its facts and columns, or the reason why it is left out.
+            result: its facts and record, or the reason why it is left out.
         """
-        line: dict[str, Any]
         if isinstance(result, str):
-            line = {"name": name, "skipped": result}
+            self.skipped[name] = result
+            line: dict[str, Any] = {"name": name, "skipped": result}
         else:
-            facts, columns = result
-            stored = [
-                np.ascontiguousarray(values, kind) for values, kind in zip(columns, self.kinds.values(), strict=True)
-            ]
-            for file, values in zip(self._columns.values(), stored, strict=True):
-                write_all(file.fileno(), values.data)
-            line = facts | {"crc": crc_of(stored)}
+            facts, record = result
+            write_all(self._data.fileno(), record)
+            line = asdict(facts)
+            self._note(facts)
         write_all(self._journal.fileno(), json_line(line).encode())
-        self._note(line)
-
-
-def _is_valid(facts: dict[str, Any], names: set[str]) -> bool:
-    """Return whether a line of the journal has valid facts about one of the recordings `names`."""
-    if not isinstance(facts.get("name"), str) or facts["name"] not in names:
-        return False
-    if "skipped" in facts:
-        return isinstance(facts["skipped"], str)
-    try:
-        check_sensor_size(facts["size"])
-        numbers = [
-            *facts["size"],
-            *facts["stamp"],
-            *facts["time"],
-            *(facts[name] for name in ("events", "bytes", "crc")),
-        ]
-        return (
-            all(type(number) is int and EVER[0] <= number <= EVER[1] for number in (*numbers, facts["base"]))
-            and -LATEST < facts["base"] < LATEST
-            and facts["events"] > 0
-            and facts["bytes"] >= 0
-            and len(facts["time"]) == 2
-            and isinstance(facts["format"], str)
-        )
-    except (KeyError, TypeError, ValueError):
-        return False

@@ -1,71 +1,36 @@
-"""The packed store: all recordings of a dataset in one HDF5 file. `docs/store.md` describes its layout."""
+"""Packed stores, opened for reading. `docs/dev/store.md` describes the layout of their files."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.common.files import crc32
-from nvsdata.common.memory import SharedArray
-from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
+from nvsdata.data.events import EVER, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.source import Listing
-from nvsdata.formats.contents import Allowance
-from nvsdata.formats.hdf5.chunks import Chunks, values_of
-from nvsdata.formats.hdf5.file import (
-    check_version,
-    dataset_of,
-    links_are_followed,
-    number_of,
-    opened,
-    text_of,
-)
-from nvsdata.formats.hdf5.layouts import STORE
+from nvsdata.datasets.store import index
+from nvsdata.datasets.store.record import BLOCK, HEAD, BlockError, Head, events_of, head_of
 from nvsdata.formats.ondisk import read_into
-from nvsdata.kernels.decode.order import is_sorted
-from nvsdata.kernels.decode.store import marked_range, read_window, stored_window
+from nvsdata.kernels.decode.blocks import blocks_between, crc32c
 
-VERSION = 2
-COLUMNS = ("t", "x", "y", "p")
-INDEX = (
-    "offset",
-    "base",
-    "duration",
-    "time",
-    "mark",
-    "size",
-    "bytes",
-    "crc",
-    "format",
-    "name",
-    "folder",
-    "left_out",
-    "reason",
-    "file_name",
-    "file_offset",
-    "file_data",
-)
-TYPES: dict[str, tuple[str, ...]] = dict.fromkeys(
-    ("offset", "base", "duration", "time", "bytes", "file_offset"), ("i8",)
-)
-TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # texts and bytes are uint8
-TYPES |= {"t": ("u4", "i8"), "x": ("u1", "u2"), "y": ("u1", "u2"), "p": ("u1",)}  # of the events
-UNSTATED = np.iinfo(np.int64).min  # in place of beginning and end of a recording whose file doesn't state them
-MARKED = 256  # the index has the time of every 256th event
-CHECKED = 1 << 22  # bytes; a window of a recording up to this size is read after all of the recording is verified
+OTHER_TIMES = "its head has other times than its events: pack it again"
+AT_ONCE = 1 << 16  # bytes of a recording that are read together with its head
+
+
+def _head_size(raw: np.ndarray) -> int:
+    """Return the bytes of head and table of a record, as its first bytes state them."""
+    return HEAD.size + BLOCK.itemsize * int(HEAD.unpack_from(raw.data)[1])
 
 
 class Store:
     """A packed store, opened for reading: a `Source` of recordings and side files.
 
-    Pickling is cheap: only the path is sent to workers, and each process opens the file itself. The first read of a
-    recording verifies its checksum (FormatError if it fails), unless the environment variable `NVSDATA_STORE_CHECK` is
-    0 or only a window of a recording with more than 4 MiB of events is read.
+    Each block of events is verified whenever it is read: FormatError if its checksum fails. Pickling is cheap: only the
+    path is sent to workers, and each process opens the file itself.
 
     Args:
         path: the file.
@@ -83,71 +48,32 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.root, self.path = path, str(path)
-        with opened(path, "not a packed store, or damaged") as file:
-            if text_of(file, "format") != STORE:
-                raise FormatError(path, f"is neither a folder nor a packed store (format {STORE!r})")
-            check_version(path, file, VERSION)
-            if number_of(path, file, "version") < VERSION:
-                raise FormatError(path, f"a store older than version {VERSION}: pack it again")
-            self.dataset, self.split = text_of(file, "dataset"), text_of(file, "split")
-            self.fold = number_of(path, file, "fold")
-            left = Allowance(path.stat().st_size)
-            index = {name: values_of(path, dataset_of(path, file, f"index/{name}", left)) for name in INDEX}
-            if checksum(index) != number_of(path, file, "checksum"):
-                raise FormatError(path, "its index fails its checksum: pack it again")
-            if not _has_types(index):
-                raise FormatError(path, "its index has arrays of other types or shapes: pack it again")
-            columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
-            if not all(column.dtype in TYPES[name] for name, column in zip(COLUMNS, columns, strict=True)):
-                raise FormatError(path, "its events are of other types than a store's: pack it again")
-            places = [_place(path, column) for column in columns]
-            self._event_size = sum(column.dtype.itemsize for column in columns)
-            shapes = {column.shape for column in columns}
-        first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
-        # lists, because reading a number from an array takes as long as the rest of a look-up
-        self._offset, self._base, self._duration = (index[name].tolist() for name in ("offset", "base", "duration"))
-        self._first_mark = first_mark.tolist()
-        self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
-        self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
-        try:
-            texts = {name: unpack_texts(index[name]) for name in ("name", "format", "folder", "file_name")}
-            self.left_out = dict(zip(unpack_texts(index["left_out"]), unpack_texts(index["reason"]), strict=True))
-        except ValueError as error:
-            raise FormatError(path, f"its index has no valid names: {error}") from None
-        self.names, self.formats, self._folders = texts["name"], texts["format"], texts["folder"]
-        self._number = {name: i for i, name in enumerate(self.names)}
-        self._files = {name: i for i, name in enumerate(texts["file_name"])}
-        self._file_offset, self._file_data = index["file_offset"], index["file_data"]
-        self._marks = index["mark"]
-        if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
-            raise FormatError(path, "its index contradicts itself: pack it again")
-        # compressed columns have no place
-        self._places = [place for place in places if place is not None]
-        # arguments for `read_window`, if it can read the columns
-        begins, widths = [begin for *_, begin in self._places], [width for _, width, _ in self._places]
-        self._direct = (*begins, *widths[:3]) if len(widths) == len(COLUMNS) and hasattr(os, "pread") else ()
-        # True for each verified recording; forked workers share it
-        self._verified = SharedArray(len(self.names), np.bool_)
-        self._verified.values[:] = os.environ.get("NVSDATA_STORE_CHECK") == "0"
         self._file = path.open("rb", buffering=0)
         self._handle = self._file.fileno()
+        size = os.fstat(self._handle).st_size
+        try:
+            place, length, check = index.index_place(self._file.read(index.BEGIN), size)
+            raw = self._bytes(place, length)
+            if crc32c(raw) != check:
+                raise ValueError("its index fails its checksum: pack it again")
+            found = index.unpacked_index(raw.tobytes())
+            if found["place"][-1] != place:
+                raise ValueError("its index contradicts itself: pack it again")
+        except ValueError as error:
+            self._file.close()
+            raise error if isinstance(error, FormatError) else FormatError(path, str(error)) from None
+        self.dataset, self.split, self.fold = found["dataset"], found["split"], found["fold"]
+        self.left_out = dict(zip(found["left_out"], found["reason"], strict=True))
+        self.names, self._folders = found["name"], found["folder"]
+        # a list, because reading a number from an array takes longer
+        self._place, self._sizes = found["place"].tolist(), found["bytes"]
+        self._checks = found["check"].tolist()
+        self._number = {name: i for i, name in enumerate(self.names)}
+        self._files = {name: i for i, name in enumerate(found["file_name"])}
+        self._file_end, self._file_data = found["file_end"], found["file_data"]
 
     def __reduce__(self) -> tuple[type, tuple[Path]]:
-        return Store, (self.root,)
-
-    def _is_sound(self, index: dict[str, np.ndarray]) -> bool:
-        """Return whether the arrays of the index agree on the number of recordings, and have possible values."""
-        counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
-        counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
-        sizes, base, files = index["size"], index["base"], index["file_offset"]
-        in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
-        # texts end with a zero each
-        if not (len(counts) == 1 and in_line and len(files) == np.count_nonzero(index["file_name"] == 0) + 1):
-            return False
-        if files[0] != 0 or files[-1] != len(index["file_data"]) or (np.diff(files) < 0).any():
-            return False
-        times = (base > -LATEST) & (base < LATEST) & (index["duration"] >= 0) & (index["duration"] < LATEST - base)
-        return bool(times.all() and ((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
+        return type(self), (self.root,)
 
     def listing(self) -> Listing:
         """Return the packed folders and recordings, including those left out, and the side files."""
@@ -166,132 +92,75 @@ class Store:
     def data(self, name: str) -> bytes:
         """Return the bytes of a side file."""
         i = self._files[name]
-        return self._file_data[self._file_offset[i] : self._file_offset[i + 1]].tobytes()
+        begin = self._file_end[i - 1] if i else 0
+        return bytes(self._file_data[begin : self._file_end[i]])
 
     def size(self, name: str) -> int:
         """Return the size in bytes of the file that was packed."""
         if name in self._files:
             return len(self.data(name))
-        return int(self._sources[self._number[name]])
+        return int(self._sizes[self._number[name]])
 
     def content(self, name: str) -> tuple[int, ...]:
         """Return the stamp, which doesn't depend on the name."""
         return self.stamp(name)
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Return (checksum of the events, time of the first event in µs, width, height).
-
-        The checksum doesn't cover the last three.
-        """
+        """Return the checksum of the recording's head and table of blocks, and the size of its record in bytes."""
         number = self._number[name]
-        return int(self._crc[number]), self._base[number], *self.sensor_size(number)
+        return self._checks[number], self._place[number + 1] - self._place[number]
 
     def settled(self, name: str, at: int) -> bool:
         """Return True, because a store doesn't change."""
         return True
 
-    def read(self, number: int, start: int, stop: int) -> Columns:
-        """Return a recording's events with start <= t < stop (µs).
+    def head(self, number: int) -> tuple[Head, np.ndarray]:
+        """Return the head of a recording, and the first bytes of its record. FormatError if it is damaged."""
+        place = self._place[number]
+        room = self._place[number + 1] - place
+        raw = self._bytes(place, min(room, AT_ONCE))
+        try:
+            if raw.size < room and raw.size < (size := _head_size(raw)) <= room:
+                raw = self._bytes(place, size)
+            head = head_of(raw, room)
+            if head.check != self._checks[number]:
+                raise ValueError("a recording isn't that of the index: the store has changed since it was opened")
+            return head, raw
+        except ValueError as error:
+            raise FormatError(f"{self.path}:{self.names[number]}", str(error), offset=place) from None
 
-        A recording of up to `CHECKED` bytes is verified first. Of a verified or a larger one, only the window is read.
+    def read(self, number: int, head: Head, raw: np.ndarray, start: int, stop: int) -> Columns:
+        """Return a recording's events with start <= t < stop (µs). FormatError if they are damaged.
+
+        `head` and `raw` are those of `head`.
         """
-        lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
-        verified = self._verified.values[number]
-        if not verified and (raw := self._verify(number, start, stop)):
-            columns = Columns.empty(hi - lo)
-            return columns.first(stored_window(*columns, base, start, stop, *raw))
-        marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
-        first, last = marked_range(marks, base, start, stop)
-        lo, hi = lo + first * MARKED, min(lo + last * MARKED, hi)
-        columns = Columns.empty(max(hi - lo, 0))
-        count = -1
-        if self._direct:
-            count = read_window(*columns, base, start, stop, self._handle, lo, *self._direct)
-        if count < 0:
-            # reads compressed columns, or raises the error for columns that are too short
-            count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
-        columns = columns.first(count)
-        if not verified:
-            self.check_inside(number, columns.x, columns.y, columns.p, self.sensor_size(number))
-        if not is_sorted(columns.t):
-            raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
+        first, last, begin, end, most = blocks_between(head.table, head.span[0], start, stop)
+        place, begin, end = self._place[number], head.bytes + begin, head.bytes + end
+        blocks = raw[begin:end] if end <= raw.size else self._bytes(place + begin, end - begin)
+        try:
+            columns = events_of(head, first, last, blocks, start, stop, most)
+        except BlockError as error:
+            raise error.in_file(f"{self.path}:{self.names[number]}", head, place) from None
+        if start <= head.span[1] < stop and (not columns.t.size or columns.t[-1] != head.span[1]):
+            raise FormatError(f"{self.path}:{self.names[number]}", OTHER_TIMES, offset=place)
         return columns
 
-    def _verify(self, number: int, start: int, stop: int) -> list[np.ndarray] | None:
-        """Return all events of a recording as stored, verified; None if that takes much longer than the window."""
-        lo, hi = self._offset[number], self._offset[number + 1]
-        first, last = self.span(number)
-        if (hi - lo) * self._event_size > CHECKED and (start > first or stop <= last):
-            return None
-        raw = self._raw(lo, hi)
-        if crc_of(raw) != int(self._crc[number]):
-            reason = "its events fail their checksum: the store is damaged, pack the recording again"
-            _, size, begin = self._places[0] if self._places else (None, 0, 0)
-            raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
-        self._check(number, raw)
+    def _bytes(self, place: int, size: int) -> np.ndarray:
+        """Return bytes of the file. They are read and not memory-mapped, because a file may be cut meanwhile."""
+        raw = np.empty(size, np.uint8)
+        read_into(self._handle, self.path, place, raw)
         return raw
 
-    def _check(self, number: int, raw: list[np.ndarray]) -> None:
-        """Mark a recording whose checksum is right as verified; FormatError if the index contradicts its events."""
-        marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
-        ends = (raw[0][0], raw[0][-1]) if raw[0].size else (0, self._duration[number])
-        if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
-            raise FormatError(self.root, f"its index has other times than {shown(self.names[number])}: pack it again")
-        self.check_inside(number, raw[1], raw[2], raw[3], self.sensor_size(number))
-        self._verified.values[number] = True
-
-    def check_inside(self, number: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]) -> None:
-        """Raise FormatError unless the events of a recording are on a sensor of this size, with polarities 0 and 1."""
-        # as uint16, negative numbers are larger than all others
-        x, y = (column.view(np.uint16) if column.dtype == np.int16 else column for column in (x, y))
-        if x.size and (x.max() >= size[0] or y.max() >= size[1] or p.max() > 1):
-            reason = f"coordinates outside the sensor of {size[0]}x{size[1]}, or polarities other than 0 and 1"
-            raise FormatError(f"{self.path}:{self.names[number]}", reason)
-
-    def span(self, number: int) -> tuple[int, int]:
-        """Return the times in µs of the first and the last event of a recording."""
-        base: int = self._base[number]
-        return base, base + self._duration[number]
-
-    def time(self, number: int) -> tuple[int | None, int | None]:
-        """Return start and end of a recording in µs as its file states them; None if it doesn't."""
-        return self._time[number] or (None, None)
-
-    def sensor_size(self, number: int) -> tuple[int, int]:
-        """Return the sensor size (width, height) in pixels that a recording had when it was packed."""
-        width, height = self._sizes[number].tolist()
-        return width, height
-
-    def _raw(self, lo: int, hi: int) -> list[np.ndarray]:
-        """Return events lo to hi - 1 as they are stored.
-
-        They are read and not memory-mapped, because mapping a page takes longer than reading it, and a mapped page
-        stays in memory.
-        """
-        if len(self._places) == len(COLUMNS):
-            return [self._column(lo, hi, *place) for place in self._places]
-        with opened(self.root, f"can't read events {lo} to {hi}") as file:
-            columns = [
-                Chunks(self.root, dataset_of(self.root, file, f"events/{name}")).read(lo, hi) for name in COLUMNS
-            ]
-        if any(column.shape != (hi - lo,) for column in columns):
-            raise FormatError(self.root, "was changed while it was read: open it again")
-        return columns
-
-    def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
-        """Return items lo to hi - 1 of a column whose items have `size` bytes and begin at the byte `begin`."""
-        items = np.empty(hi - lo, kind)
-        read_into(self._handle, self.path, begin + lo * size, items)
-        return items
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
     def fault(self, name: str) -> str:
-        """Return why the events of a recording can't be read or were changed; empty if they are intact."""
+        """Return why the events of a recording can't be read; empty if they are intact."""
         number = self._number[name]
         try:
-            raw = self._raw(self._offset[number], self._offset[number + 1])
-            if crc_of(raw) != int(self._crc[number]):
-                return "its events fail their checksum"
-            self._check(number, raw)
+            head, raw = self.head(number)
+            self.read(number, head, raw, *EVER)
         except FormatError as error:
             return error.reason
         return ""
@@ -302,11 +171,12 @@ class StoredRecording(Recording):
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
         self._store, self._number = store, number
-        packed_size = store.sensor_size(number)
-        self._size = packed_size if sensor_size is None else sensor_size
-        self._fits = self._size[0] >= packed_size[0] and self._size[1] >= packed_size[1]
-        self._time = store.time(number)
+        self._head, self._raw = store.head(number)
+        self._size = self._head.size if sensor_size is None else sensor_size
         self.repairs = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._store, self._number, self._size)
 
     @property
     def path(self) -> str:  # type: ignore[override]
@@ -316,7 +186,7 @@ class StoredRecording(Recording):
     @property
     def format(self) -> str:  # type: ignore[override]
         """Format of the file from which the recording was packed."""
-        return self._store.formats[self._number]
+        return self._head.format
 
     @property
     def sensor_size(self) -> tuple[int, int]:
@@ -324,67 +194,31 @@ class StoredRecording(Recording):
 
     @property
     def span(self) -> tuple[int, int]:
-        return self._store.span(self._number)
+        return self._head.span
 
     @property
     def start(self) -> int:
-        return self.span[0] if self._time[0] is None else self._time[0]
+        begin = self._head.time[0]
+        return self.span[0] if begin is None else begin
 
     @property
     def end(self) -> int:
-        return self.span[1] if self._time[1] is None else self._time[1]
+        end = self._head.time[1]
+        return self.span[1] if end is None else end
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
         check_window(start, stop)
-        first, last = EVER[0] if start is None else start, EVER[1] if stop is None else stop
-        columns = self._store.read(self._number, first, last)
-        if not self._fits:
-            self._store.check_inside(self._number, columns.x, columns.y, columns.p, self._size)
-        return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
+        first = EVER[0] if start is None else min(max(start, EVER[0]), EVER[1])
+        last = EVER[1] if stop is None else min(max(stop, EVER[0]), EVER[1])
+        columns = self._store.read(self._number, self._head, self._raw, first, last)
+        width, height = self._size
+        smaller = width < self._head.size[0] or height < self._head.size[1]
+        if smaller and columns.x.size and (columns.x.max() >= width or columns.y.max() >= height):
+            raise FormatError(self.path, f"coordinates outside the sensor of {width}x{height}")
+        return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._head.time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
         raise FormatError(self.path, "a packed store contains only events, no frames")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> NoReturn:
         raise FormatError(self.path, "a packed store contains only events, no inertial samples")
-
-
-def checksum(index: dict[str, np.ndarray]) -> int:
-    """Return the CRC-32 of the arrays of the index, in the order of `INDEX`."""
-    return crc_of([index[name] for name in INDEX])
-
-
-def crc_of(arrays: list[np.ndarray]) -> int:
-    """Return the CRC-32 of the bytes of all arrays in sequence."""
-    value = 0
-    for array in arrays:
-        value = crc32(np.ascontiguousarray(array).data.cast("B") if array.size else b"", value)
-    return value
-
-
-def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
-    """Return type, item size and first byte of a column that is contiguous in the file; None for a compressed one."""
-    offset = dataset.id.get_offset()
-    # a column in chunks has no offset
-    if dataset.size and (links_are_followed() or offset is None):
-        return None
-    if offset is not None and offset + dataset.nbytes > path.stat().st_size:
-        raise FormatError(path, f"cut short within {dataset.name}", offset=offset)
-    return dataset.dtype, dataset.dtype.itemsize, offset or 0
-
-
-def _has_types(index: dict[str, np.ndarray]) -> bool:
-    """Return whether the arrays of an index have the types and the number of axes that `docs/store.md` states."""
-    shapes = {"time": (-1, 2), "size": (-1, 2)}
-    fits = all(array.shape[1:] == shapes.get(name, (-1,))[1:] and array.ndim >= 1 for name, array in index.items())
-    return fits and all(array.dtype in TYPES.get(name, ("u1",)) for name, array in index.items())
-
-
-def pack_texts(texts: Iterable[str]) -> np.ndarray:
-    """Return strings as bytes: UTF-8, each followed by a zero byte, which no file name contains."""
-    return np.frombuffer("".join(text + "\0" for text in texts).encode("utf-8", "surrogatepass"), np.uint8)
-
-
-def unpack_texts(kept: np.ndarray) -> list[str]:
-    """Return the strings that `pack_texts` converted to bytes."""
-    return kept.tobytes().decode("utf-8", "surrogatepass").split("\0")[:-1]

@@ -1,4 +1,4 @@
-"""Windows of stored columns, and small reads from open files (reading.cpp)."""
+"""Windows of the columns of a store of the second layout, and small reads from open files (reading.cpp)."""
 
 from __future__ import annotations
 
@@ -14,55 +14,6 @@ def marked_range(marks: np.ndarray, base: int, start: int, stop: int) -> tuple[i
     """
     blocks: tuple[int, int] = _native.marked_range(marks, base, start, stop)
     return blocks
-
-
-def read_window(
-    out_t: np.ndarray,
-    out_x: np.ndarray,
-    out_y: np.ndarray,
-    out_p: np.ndarray,
-    base: int,
-    start: int,
-    stop: int,
-    handle: int,
-    lo: int,
-    t0: int,
-    x0: int,
-    y0: int,
-    p0: int,
-    t_width: int,
-    x_width: int,
-    y_width: int,
-) -> int:
-    """Read the events with start <= t + base < stop from an open file, from event `lo` on.
-
-    As many events as fit into the outputs are examined.
-
-    Args:
-        out_t: Output for times in µs, int64.
-        out_x: Output for columns, int16.
-        out_y: Output for rows, int16.
-        out_p: Output for polarities, uint8.
-        base: Time in µs that is added to stored times.
-        start: First time of the window in µs.
-        stop: End of the window in µs, excluded.
-        handle: Descriptor of the file.
-        lo: Number of the first event to read.
-        t0: Byte at which the times begin.
-        x0: Byte at which the x begin.
-        y0: Byte at which the y begin.
-        p0: Byte at which the polarities begin.
-        t_width: Bytes of a stored time: 4 for uint32, 8 for int64.
-        x_width: Bytes of a stored x: 1 for uint8, 2 for uint16.
-        y_width: Bytes of a stored y: 1 for uint8, 2 for uint16.
-
-    Returns:
-        Number of events, or -1 if the file ends too early.
-    """
-    count: int = _native.read_window(
-        out_t, out_x, out_y, out_p, base, start, stop, handle, lo, t0, x0, y0, p0, t_width, x_width, y_width
-    )
-    return count
 
 
 def stored_window(

@@ -15,6 +15,7 @@
     define(aedat4) \
     define(aedat_frames) \
     define(atis) \
+    define(blocks) \
     define(brightness) \
     define(causal) \
     define(clock) \

@@ -2,15 +2,17 @@
 
 import json
 import os
-import zlib
 
 import numpy as np
 import pytest
 import trees
 
 from nvsdata import EventFolder
+from nvsdata.data.events import Columns
 from nvsdata.datasets.store import part as parts
+from nvsdata.datasets.store.index import BEGIN
 from nvsdata.datasets.store.reader import Store
+from nvsdata.datasets.store.record import record_of
 from nvsdata.datasets.store.writer import pack
 
 
@@ -37,11 +39,6 @@ def stopped(tmp_path, monkeypatch):
     return dataset, tmp_path / ".s.h5.part"
 
 
-def kinds_of(head):
-    """Names and types of the columns, as a journal's first line has them."""
-    return zip("txyp", map(np.dtype, json.loads(head)["kinds"]), strict=True)
-
-
 def packed_soundly(dataset, folder):
     out = folder.with_name("s.h5")
     pack(dataset, out)
@@ -59,18 +56,25 @@ def packed_soundly(dataset, folder):
         {"events": -1},
         {"events": "12"},
         {"events": 1.0},
-        {"base": 2**62},
-        {"base": None},
-        {"size": [34, -1]},
-        {"size": ["34", "34"]},
-        {"size": [1, 1]},
-        {"size": 34},
-        {"time": [1]},
-        {"time": [2**70, 2**70]},
+        {"events": 61},
+        {"events": None},
+        {"length": 0},
+        {"length": 8},
+        {"length": -8},
+        {"length": 1.5},
+        {"length": 2**62},
+        {"length": 10**30},
+        {"length": "64"},
         {"bytes": -1},
-        {"format": 3},
+        {"bytes": 10**30},
+        {"check": 1},
+        {"check": None},
         {"stamp": "no"},
-        {"crc": 1},
+        {"stamp": 5},
+        {"stamp": []},
+        {"stamp": {}},
+        {"stamp": [None]},
+        {"more": 1},
         {"name": "../../secret.h5"},
         {"name": ["a"]},
         {"skipped": 7},
@@ -85,30 +89,78 @@ def test_a_line_that_says_something_else_is_not_believed(stopped, change):
     packed_soundly(dataset, folder)
 
 
+@pytest.mark.parametrize("field", ["name", "events", "length", "check", "bytes", "stamp"])
+def test_a_line_without_a_field_is_not_believed(stopped, field):
+    dataset, folder = stopped
+    journal = folder / parts.JOURNAL
+    head, first, second = journal.read_text().splitlines()
+    line = json.loads(first)
+    del line[field]
+    journal.write_text("\n".join((head, json.dumps(line), second)) + "\n")
+    packed_soundly(dataset, folder)
+
+
+@pytest.mark.parametrize("field", ["version", "dataset", "root", "opened_with", "compress"])
+def test_a_journal_of_another_packing_is_not_gone_on_with(stopped, field):
+    dataset, folder = stopped
+    journal = folder / parts.JOURNAL
+    head, first, second = journal.read_text().splitlines()
+    # a whole record of another recording, which the lines call the dataset's own
+    lines = [json.dumps(json.loads(head) | {field: "other"}), second, first]
+    (folder / parts.DATA).write_bytes((folder / parts.DATA).read_bytes()[:BEGIN] + records(folder, second, first))
+    journal.write_text("\n".join(lines) + "\n")
+    packed_soundly(dataset, folder)
+    assert Store(folder.with_name("s.h5")).names == dataset.recording_names()
+
+
+def records(folder, *lines):
+    """Records of two lines of a journal, in the order of the lines given."""
+    raw, at, found = (folder / parts.DATA).read_bytes(), BEGIN, {}
+    for line in (folder / parts.JOURNAL).read_text().splitlines()[1:]:
+        length = json.loads(line)["length"]
+        found[line] = raw[at : at + length]
+        at += length
+    return b"".join(found[line] for line in lines)
+
+
+def test_records_in_another_order_are_those_of_their_lines(stopped):
+    dataset, folder = stopped
+    journal = folder / parts.JOURNAL
+    _, first, second = journal.read_text().splitlines()
+    data = (folder / parts.DATA).read_bytes()[:BEGIN] + records(folder, second, first)
+    (folder / parts.DATA).write_bytes(data)
+    # the checksum of the first line is that of the other record
+    packed_soundly(dataset, folder)
+
+
 def test_a_line_that_is_there_twice_counts_once(stopped):
     dataset, folder = stopped
     journal = folder / parts.JOURNAL
     head, first, _ = journal.read_text().splitlines()
     journal.write_text("\n".join((head, first, first)) + "\n")
-    for name, kind in kinds_of(head):
-        one = (folder / name).read_bytes()[: json.loads(first)["events"] * kind.itemsize]
-        (folder / name).write_bytes(one + one)
+    data = folder / parts.DATA
+    one = data.read_bytes()[BEGIN : BEGIN + json.loads(first)["length"]]
+    data.write_bytes(bytes(BEGIN) + one + one)
     packed_soundly(dataset, folder)
 
 
-@pytest.mark.parametrize(("column", "value"), [("t", -5), ("x", 200), ("y", 200), ("p", 7)])
-def test_events_that_cannot_be_are_packed_again_whatever_their_checksum(stopped, column, value):
+IMPOSSIBLE = [("t", -5), ("t", 2**40), ("x", 200), ("y", 200), ("p", 7)]
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize(("column", "value"), IMPOSSIBLE)
+def test_events_that_cannot_be_are_packed_again_whatever_their_checksum(stopped, column, value, compress):
     dataset, folder = stopped
-    journal = folder / parts.JOURNAL
+    journal, data = folder / parts.JOURNAL, folder / parts.DATA
     head, first, second = journal.read_text().splitlines()
-    facts, crc = json.loads(first), 0
-    for name, kind in kinds_of(head):
-        values = np.fromfile(folder / name, kind)
-        if name == column:
-            values[1] = value
-            values.tofile(folder / name)
-        crc = zlib.crc32(values[: facts["events"]].tobytes(), crc)
-    journal.write_text("\n".join((head, json.dumps(facts | {"crc": crc}), second)) + "\n")
+    facts, ev = json.loads(first), dataset.recording(0).read()
+    columns = Columns(*(values.astype(np.int64) for values in ev.columns))
+    getattr(columns, column)[1] = value
+    record = record_of(columns, ev.sensor_size, (None, None), "atis", compress=compress)
+    raw = data.read_bytes()
+    data.write_bytes(raw[:BEGIN] + record + raw[BEGIN + facts["length"] :])
+    facts |= {"length": len(record), "check": int.from_bytes(record[:4], "little")}
+    journal.write_text("\n".join((head, json.dumps(facts), second)) + "\n")
     packed_soundly(dataset, folder)
 
 
@@ -119,7 +171,19 @@ def test_a_journal_that_is_none(stopped, text):
     packed_soundly(dataset, folder)
 
 
-@pytest.mark.parametrize("name", ["t", "x", parts.JOURNAL])
+def test_the_unfinished_store_of_an_older_layout_is_packed_again_and_removed(stopped):
+    dataset, folder = stopped
+    head = {"version": 2, "dataset": "folder", "root": str(dataset.root), "kinds": ["<i8", "|u1", "|u1", "|u1"]}
+    line = {"name": "a/0.bin", "events": 60, "base": 5, "size": [34, 34], "crc": 1}
+    (folder / parts.DATA).unlink()
+    for name in "txyp":
+        (folder / name).write_bytes(bytes(60 * 8))
+    (folder / parts.JOURNAL).write_text(f"{json.dumps(head)}\n{json.dumps(line)}\n")
+    packed_soundly(dataset, folder)
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("name", [parts.DATA, parts.JOURNAL])
 @pytest.mark.parametrize("kind", ["link", "pipe", "folder"])
 def test_a_link_or_pipe_in_the_place_of_a_file(stopped, tmp_path, name, kind):
     dataset, folder = stopped

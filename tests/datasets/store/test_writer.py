@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -21,9 +23,11 @@ from nvsdata import NMNIST, EventFolder, Events, FormatError
 from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.datasets import ASLDVS, MNISTDVS, DVS128Gesture
-from nvsdata.datasets.store import part
-from nvsdata.datasets.store.part import JOURNAL
+from nvsdata.datasets.store import part, writer
+from nvsdata.datasets.store.index import BEGIN
+from nvsdata.datasets.store.part import DATA, JOURNAL
 from nvsdata.datasets.store.reader import Store
+from nvsdata.datasets.store.record import ALIGNED
 from nvsdata.datasets.store.writer import pack
 
 
@@ -132,16 +136,49 @@ def test_a_second_process_is_sent_away(digits, tmp_path):
     assert not (tmp_path / ".a.h5.part").exists()
 
 
-def stopped(dataset, out, monkeypatch):
-    """Pack until all is in the parts, and no further."""
+class Killed(BaseException):
+    """What a test raises in place of a kill."""
 
-    def stops(*_):
-        raise KeyboardInterrupt
+
+def kills(*_, **__):
+    raise Killed
+
+
+def stopped(dataset, out, monkeypatch, step="_finish", **options):
+    """Pack up to a step of the writer."""
+    with monkeypatch.context() as patch:
+        patch.setattr(writer, step, kills)
+        with pytest.raises(Killed):
+            pack(dataset, out, **options)
+    assert not out.exists()
+    return out.with_name(f".{out.name}.part")
+
+
+@pytest.fixture
+def few(tmp_path):
+    """A dataset of six recordings with a side file, and the bytes of its two stores."""
+    root = trees.put(animals(tmp_path / "data"), {"list.txt": b"ant/0.bin"})
+    (tmp_path / "whole").mkdir()
+    stores = {}
+    for compress in (False, True):
+        pack(EventFolder(root), tmp_path / "whole/a.h5", compress=compress, overwrite=True)
+        stores[compress] = (tmp_path / "whole/a.h5").read_bytes()
+    return EventFolder(root), stores
+
+
+def decoded(dataset, out, monkeypatch, **options):
+    """Pack, and return the recordings that were decoded."""
+    decode, names = writer._decode, []
+
+    def noted(*given):
+        names.append(given[-1])
+        return decode(*given)
 
     with monkeypatch.context() as patch:
-        patch.setattr("nvsdata.datasets.store.writer._assemble", stops)
-        with pytest.raises(KeyboardInterrupt):
-            pack(dataset, out)
+        patch.setattr(writer, "_decode", noted)
+        pack(dataset, out, **options)
+    assert not list(out.parent.glob(f".{out.name}*"))
+    return names
 
 
 def test_what_another_dataset_left_is_not_gone_on_with(home, tmp_path, monkeypatch):
@@ -162,34 +199,223 @@ def test_a_file_that_changed_since_is_packed_anew(digits, tmp_path, monkeypatch)
     check_same(NMNIST(digits, "all"), NMNIST(tmp_path / "a.h5", "all"))
 
 
-@pytest.mark.parametrize("column", ["t", "x", "y", "p"])
-@pytest.mark.parametrize("keep", [0, 1_000, -1])
-def test_events_that_never_reached_the_disk_are_packed_anew(digits, tmp_path, monkeypatch, column, keep):
-    """As after a power cut: the journal has lines of events that the column lacks, or has zeros for."""
-    stopped(NMNIST(digits, "all"), tmp_path / "a.h5", monkeypatch)
-    raw = tmp_path / ".a.h5.part" / column
-    data = raw.read_bytes()
-    raw.write_bytes(data[:keep] + bytes(len(data) // 2 - keep) if keep >= 0 else data[:-1])
+@pytest.mark.parametrize("zeros", [False, True])
+@pytest.mark.parametrize("keep", [0, 10, BEGIN, 1_000, -1])
+def test_events_that_never_reached_the_disk_are_packed_anew(digits, tmp_path, monkeypatch, keep, zeros):
+    """As after a power cut: the journal has lines of records that the data lacks, or has zeros for."""
+    data = stopped(NMNIST(digits, "all"), tmp_path / "a.h5", monkeypatch) / DATA
+    raw = data.read_bytes()
+    data.write_bytes(raw[:keep] + bytes(len(raw) - len(raw[:keep]) if zeros else 0))
     pack(NMNIST(digits, "all"), tmp_path / "a.h5")
     check_same(NMNIST(digits, "all"), NMNIST(tmp_path / "a.h5", "all"))
 
 
-def test_events_lost_between_packing_and_assembling_are_noticed(digits, tmp_path, monkeypatch):
-    from nvsdata.datasets.store import writer as packing
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_run_goes_on_after_the_last_sound_record(few, tmp_path, monkeypatch, compress):
+    dataset, stores = few
+    names, out, rng = dataset.recording_names(), tmp_path / "a.h5", np.random.default_rng(0)
+    for altered in range(len(names)):
+        data = stopped(dataset, out, monkeypatch, compress=compress) / DATA
+        lengths = [json.loads(line)["length"] for line in lines_of(data)[1:]]
+        raw = bytearray(data.read_bytes())
+        assert len(raw) == BEGIN + sum(lengths)
+        raw[BEGIN + sum(lengths[:altered]) + int(rng.integers(0, lengths[altered] - ALIGNED))] ^= 1
+        data.write_bytes(raw)
+        assert decoded(dataset, out, monkeypatch, compress=compress) == names[altered:]
+        assert out.read_bytes() == stores[compress]
+        out.unlink()
+
+
+def lines_of(data):
+    """Lines of the journal next to the data of an unfinished store."""
+    return data.with_name(JOURNAL).read_bytes().splitlines(keepends=True)
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_journal_that_is_cut_anywhere_loses_only_what_was_cut(few, tmp_path, monkeypatch, compress):
+    dataset, stores = few
+    names, out = dataset.recording_names(), tmp_path / "a.h5"
+    data = stopped(dataset, out, monkeypatch, compress=compress) / DATA
+    before, lines = data.read_bytes(), lines_of(data)
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+    for cut in sorted({0, 1, ends[0] - 1, *ends, *(end + step for end in ends[:-1] for step in (1, 50, -1))}):
+        data.parent.mkdir(exist_ok=True)
+        data.write_bytes(before)
+        data.with_name(JOURNAL).write_bytes(b"".join(lines)[:cut])
+        whole = max(sum(end <= cut for end in ends) - 1, 0)
+        assert decoded(dataset, out, monkeypatch, compress=compress) == names[whole:]
+        assert out.read_bytes() == stores[compress]
+        out.unlink()
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_kill_within_any_write_is_gone_on_from(few, tmp_path, monkeypatch, compress):
+    dataset, stores = few
+    out, write_all, written = tmp_path / "a.h5", writer.write_all, []
+
+    def dies_in(moment, share):
+        def dies(handle, content):
+            written.append(handle)
+            if len(written) < moment:
+                write_all(handle, content)
+                return
+            write_all(handle, bytes(content)[: round(share * len(content))])
+            raise Killed
+
+        return dies
+
+    # the journal's first line, two writes for each recording, index and head
+    for moment in range(1, 1 + 2 * 6 + 2 + 1):
+        for share in (0, 0.4, 1):
+            written.clear()
+            with monkeypatch.context() as patch:
+                for module in (writer, part):
+                    patch.setattr(module, "write_all", dies_in(moment, share))
+                with pytest.raises(Killed):
+                    pack(dataset, out, compress=compress)
+            assert not out.exists()
+            pack(dataset, out, compress=compress)
+            assert out.read_bytes() == stores[compress]
+            assert not list(tmp_path.glob(".*"))
+            out.unlink()
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize("step", ["packed_index", "file_head", "_read_back"])
+def test_an_index_that_an_earlier_run_appended_is_replaced(few, tmp_path, monkeypatch, compress, step):
+    dataset, stores = few
+    out = tmp_path / "a.h5"
+    for _ in range(2):
+        stopped(dataset, out, monkeypatch, step, compress=compress)
+    assert decoded(dataset, out, monkeypatch, compress=compress) == []
+    assert out.read_bytes() == stores[compress]
+    out.unlink()
+    # a shorter one, after a longer one
+    folder = stopped(dataset, out, monkeypatch, step, compress=compress)
+    with (folder / DATA).open("ab") as file:
+        file.write(b"more" * 1_000)
+    pack(dataset, out, compress=compress)
+    assert out.read_bytes() == stores[compress]
+
+
+def test_side_files_and_folders_that_changed_since_are_those_of_the_next_run(few, tmp_path, monkeypatch):
+    dataset, _ = few
+    stopped(dataset, tmp_path / "a.h5", monkeypatch, "_read_back")
+    (dataset.root / "list.txt").write_bytes(b"cat/0.bin\n" * 100)
+    (dataset.root / "dog").mkdir()
+    assert decoded(EventFolder(dataset.root), tmp_path / "a.h5", monkeypatch) == []
+    assert Store(tmp_path / "a.h5").data("list.txt") == b"cat/0.bin\n" * 100
+    assert EventFolder(tmp_path / "a.h5").classes == ["ant", "cat", "dog"]
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_what_was_compressed_is_not_gone_on_with_uncompressed(few, tmp_path, monkeypatch, compress):
+    dataset, stores = few
+    out = tmp_path / "a.h5"
+    stopped(dataset, out, monkeypatch, compress=not compress)
+    assert decoded(dataset, out, monkeypatch, compress=compress) == dataset.recording_names()
+    assert out.read_bytes() == stores[compress] != stores[not compress]
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_store_of_many_processes_has_the_bytes_of_one(few, tmp_path, compress):
+    dataset, stores = few
+    pack(dataset, tmp_path / "a.h5", compress=compress, jobs=3)
+    assert (tmp_path / "a.h5").read_bytes() == stores[compress]
+
+
+def test_a_recording_that_was_left_out_is_tried_again(few, tmp_path, monkeypatch):
+    dataset, _ = few
+    sound, out = (dataset.root / "ant/1.bin").read_bytes(), tmp_path / "a.h5"
+    (dataset.root / "ant/1.bin").write_bytes(sound + b"ab")
+    stopped(EventFolder(dataset.root), out, monkeypatch)
+    (dataset.root / "ant/1.bin").write_bytes(sound)
+    # and appended: recordings are in the order in which they were packed
+    assert decoded(EventFolder(dataset.root), out, monkeypatch) == ["ant/1.bin"]
+    assert not Store(out).left_out
+    check_same(EventFolder(dataset.root), EventFolder(out))
+
+
+def test_events_lost_after_packing_are_noticed_and_packed_again(digits, tmp_path, monkeypatch):
+    finish = writer._finish
 
     def loses(part, *rest):
-        with (part.folder / "x").open("r+b") as file:
-            file.write(b"\x1f\x1e\x1d")
-        return assemble(part, *rest)
+        with part.data.open("r+b") as file:
+            file.seek(BEGIN + 200)
+            file.write(b"\xff\x1e\x1d")
+        return finish(part, *rest)
 
-    assemble = packing._assemble
     with monkeypatch.context() as patch:
-        patch.setattr(packing, "_assemble", loses)
-        with pytest.raises(OSError, match=r"lost events of Test/0/00001\.bin: pack again"):
+        patch.setattr(writer, "_finish", loses)
+        with pytest.raises(OSError, match=r"the events of Test/0/00001\.bin can't be read back"):
             pack(NMNIST(digits, "all"), tmp_path / "a.h5")
     assert not (tmp_path / "a.h5").exists()
     pack(NMNIST(digits, "all"), tmp_path / "a.h5")
     check_same(NMNIST(digits, "all"), NMNIST(tmp_path / "a.h5", "all"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions as POSIX has them")
+@pytest.mark.parametrize("umask", [0o077, 0o022, 0o002])
+def test_a_new_store_has_the_permissions_of_any_new_file(few, tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        pack(few[0], tmp_path / "a.h5")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.h5").stat().st_mode) == 0o666 & ~umask
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions as POSIX has them")
+def test_a_store_in_place_of_another_has_its_permissions(few, tmp_path):
+    (tmp_path / "a.h5").write_text("private")
+    (tmp_path / "a.h5").chmod(0o600)
+    pack(few[0], tmp_path / "a.h5", overwrite=True)
+    assert stat.S_IMODE((tmp_path / "a.h5").stat().st_mode) == 0o600
+
+
+def test_a_link_stays_and_its_target_is_replaced(few, tmp_path):
+    dataset, stores = few
+    (tmp_path / "large").mkdir()
+    (tmp_path / "large/b.h5").write_text("old")
+    (tmp_path / "a.h5").symlink_to(tmp_path / "large/b.h5")
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        pack(dataset, tmp_path / "a.h5")
+    assert (tmp_path / "large/b.h5").read_text() == "old"
+    pack(dataset, tmp_path / "a.h5", overwrite=True)
+    assert (tmp_path / "a.h5").is_symlink()
+    assert (tmp_path / "large/b.h5").read_bytes() == stores[False]
+    assert not [*tmp_path.glob(".*"), *(tmp_path / "large").glob(".*")]
+    with locked(tmp_path / "large/b.h5"), pytest.raises(OutputInUse):
+        pack(dataset, tmp_path / "a.h5", overwrite=True)
+
+
+def test_a_link_to_nothing_is_not_followed_unless_asked(few, tmp_path):
+    dataset, stores = few
+    (tmp_path / "a.h5").symlink_to(tmp_path / "b.h5")
+    with pytest.raises(FileExistsError, match="--overwrite"):
+        pack(dataset, tmp_path / "a.h5")
+    assert not (tmp_path / "b.h5").exists()
+    pack(dataset, tmp_path / "a.h5", overwrite=True)
+    assert (tmp_path / "b.h5").read_bytes() == stores[False]
+
+
+def test_a_folder_is_not_replaced(few, tmp_path):
+    (tmp_path / "a.h5").mkdir()
+    with pytest.raises(IsADirectoryError):
+        pack(few[0], tmp_path / "a.h5", overwrite=True)
+
+
+def test_an_existing_store_stays_until_the_new_one_is_complete(few, tmp_path, monkeypatch):
+    dataset, stores = few
+    (tmp_path / "a.h5").write_text("old")
+    for step in ("_decode", "_finish", "_read_back"):
+        with monkeypatch.context() as patch:
+            patch.setattr(writer, step, kills)
+            with pytest.raises(Killed):
+                pack(dataset, tmp_path / "a.h5", overwrite=True)
+        assert (tmp_path / "a.h5").read_text() == "old"
+    assert decoded(dataset, tmp_path / "a.h5", monkeypatch, overwrite=True) == []
+    assert (tmp_path / "a.h5").read_bytes() == stores[False]
 
 
 def test_what_cannot_be_read_back_is_not_put_in_place(digits, tmp_path, monkeypatch):
@@ -258,6 +484,37 @@ def test_a_full_disk_is_gone_on_from(tmp_path):
         check_same(dataset, EventFolder(tmp_path / "disk" / "a.h5"))
 
 
+def test_an_index_without_room_is_added_by_the_next_run(few, tmp_path, monkeypatch, capsys):
+    root = few[0].root
+    (root / "list.txt").write_bytes(b"ant/0.bin\n" * 5_000)
+    dataset, out = EventFolder(root), tmp_path / "disk/a.h5"
+    with small_disk(tmp_path / "disk") as resize:
+        resize(8 * PAGE)
+        for _ in range(2):
+            with pytest.raises(OSError, match="No space left") as caught:
+                pack(dataset, out)
+            assert caught.value.filename == str(out)
+            assert "all recordings are in" in capsys.readouterr().err
+            assert not out.exists()
+            del caught
+        resize(40 * PAGE)
+        assert decoded(dataset, out, monkeypatch) == []
+        assert EventFolder(out).source.data("list.txt") == b"ant/0.bin\n" * 5_000
+        check_same(dataset, EventFolder(out))
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_store_is_packed_into_its_own_place(few, tmp_path, compress):
+    dataset, stores = few
+    out = tmp_path / "a.h5"
+    pack(dataset, out, compress=not compress)
+    store = EventFolder(out)
+    pack(store, out, compress=compress, overwrite=True)
+    assert out.read_bytes() == stores[compress]
+    # and the one that is open is still read
+    check_same(store, EventFolder(out))
+
+
 SLOW = """
 import sys, time
 from nvsdata.datasets.store import writer
@@ -310,14 +567,15 @@ def test_letters_from_a_store_stand_as_in_the_folder(home, tmp_path):
     assert np.array_equal(ASLDVS(root)[3][0].y, ASLDVS(tmp_path / "a.h5")[3][0].y)
 
 
-def test_a_store_within_its_dataset(tmp_path, monkeypatch):
+@pytest.mark.parametrize("suffix", [".h5", ".nvs"])
+def test_a_store_within_its_dataset(tmp_path, monkeypatch, suffix):
     """Neither what is unfinished nor the store itself is part of the dataset."""
     for label in ("ant", "bee"):
         for i in range(4):
             path = tmp_path / label / f"{i}.npy"
             path.parent.mkdir(exist_ok=True)
             nvsdata.write(nvsdata.Events([5, 7 + i], [1, 2], [1, 2], [0, 1], (4, 4)), path)
-    out = tmp_path / "all.h5"
+    out = tmp_path / f"all{suffix}"
     add, count = part.Part.add, iter(range(9))
 
     def dies(self, *given):
@@ -337,4 +595,4 @@ def test_a_store_within_its_dataset(tmp_path, monkeypatch):
         assert store.targets == [0] * 4 + [1] * 4
         sizes.append(out.stat().st_size)
     assert len(set(sizes)) == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["all.h5", "ant", "bee"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, "ant", "bee"]

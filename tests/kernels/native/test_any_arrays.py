@@ -98,8 +98,13 @@ def use_rest(folder, t, x, y, p):
         file.write(bytes(13 * n))
         file.flush()
         _native.read_samples(file.fileno(), 0, 9, np.zeros((5, 3), np.uint8))
-        for wide, narrow in ((8, 2), (4, 1)):
-            _native.read_window(*outputs(n), 0, 0, 900, file.fileno(), 0, 0, 8 * n, 9 * n, 10 * n, wide, narrow, narrow)
+    table = np.array([0, n, 0], np.int64).view(np.uint8)
+    for wide, narrow in ((8, 2), (4, 1)):
+        raw = np.zeros(n * (wide + 2 * narrow + 1), np.uint8)
+        _native.unpack_blocks(*outputs(n), 0, 0, 900, raw, table, 0, wide, narrow, 30, 20)
+    _native.blocks_between(table, 0, 100, 900)
+    _native.record_head(np.zeros(96, np.uint8), 900)
+    _native.crc32c(raw)
     for kind, narrow in ((np.uint32, np.uint8), (np.int64, np.uint16)):
         _native.marked_range(t.astype(kind), 0, 100, 900)
         _native.stored_window(*outputs(n), 0, 100, 900, t.astype(kind), x.astype(narrow), y.astype(narrow), p)

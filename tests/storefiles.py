@@ -1,0 +1,90 @@
+"""Files of packed stores, taken apart and changed so that all their checksums are right."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nvsdata.datasets.store import index
+from nvsdata.datasets.store.record import BLOCK, HEAD
+from nvsdata.kernels.decode.blocks import crc32c
+
+FIELDS = (
+    "check blocks events base duration begin end width height t_bytes xy_bytes compressed format"  # of a record's head
+).split()
+
+
+def check_of(raw: bytes | np.ndarray) -> int:
+    """CRC-32C of bytes."""
+    return crc32c(np.frombuffer(raw, np.uint8))
+
+
+def index_of(path: Path) -> dict[str, Any]:
+    """Facts and sections of a store's index."""
+    raw = path.read_bytes()
+    place, length, _ = index.index_place(raw[: index.BEGIN], len(raw))
+    return index.unpacked_index(raw[place : place + length])
+
+
+def put_index(path: Path, packed: bytes) -> None:
+    """Replace a store's index, with a right checksum."""
+    raw = path.read_bytes()
+    place, *_ = index.index_place(raw[: index.BEGIN], len(raw))
+    path.write_bytes(index.file_head(place, packed) + raw[index.BEGIN : place] + packed)
+
+
+def reindex(path: Path, facts: dict[str, Any] | None = None, **changes: Any) -> None:
+    """Change facts and sections of a store's index."""
+    found = index_of(path)
+    kept = {name: found[name] for name in ("dataset", "split", "fold")}
+    sections = {name: found[name] for name in index.SECTIONS[1:]} | changes
+    put_index(path, index.packed_index(kept if facts is None else facts, **sections))
+
+
+def head_at(path: Path, number: int) -> tuple[int, dict[str, Any], np.ndarray]:
+    """Place, head and table of blocks of a record."""
+    raw, place = path.read_bytes(), int(index_of(path)["place"][number])
+    head = dict(zip(FIELDS, HEAD.unpack_from(raw, place), strict=True))
+    return place, head, np.frombuffer(raw, BLOCK, head["blocks"], place + HEAD.size).copy()
+
+
+def put_head(path: Path, number: int, change: Callable[[np.ndarray], None] | None = None, **fields: Any) -> None:
+    """Change a record's head, and its table of blocks in place, with a right checksum of as many blocks as stated."""
+    place, head, table = head_at(path, number)
+    if change:
+        change(table)
+    head |= fields
+    changed = HEAD.pack(*head.values()) + table.tobytes()
+    raw = bytearray(path.read_bytes())
+    raw[place : place + len(changed)] = changed
+    checked = raw[place + 4 : place + HEAD.size + head["blocks"] * BLOCK.itemsize]
+    raw[place : place + 4] = struct.pack("<I", check_of(checked))
+    path.write_bytes(raw)
+    checks = index_of(path)["check"]
+    checks[number] = check_of(checked)
+    reindex(path, check=checks)
+
+
+def block_places(path: Path, number: int) -> list[int]:
+    """First byte of each block of a record, and the byte after the last one."""
+    place, _, table = head_at(path, number)
+    ends = np.cumsum(table["bytes"], dtype=np.int64)
+    return [place + HEAD.size + table.nbytes + end for end in (0, *ends.tolist())]
+
+
+def put_block(path: Path, number: int, block: int, change: Callable[[bytearray], bytes | bytearray]) -> None:
+    """Change the bytes of a block, not their number, with right checksums."""
+    begin, end = block_places(path, number)[block : block + 2]
+    raw = bytearray(path.read_bytes())
+    raw[begin:end] = changed = change(raw[begin:end])
+    assert len(changed) == end - begin
+    path.write_bytes(raw)
+
+    def checked(table: np.ndarray) -> None:
+        table["check"][block] = check_of(changed)
+
+    put_head(path, number, checked)
