@@ -234,7 +234,7 @@ OBJECTS = [
     ),
     (
         "4.4.4: every 10k iterations, here 100 an epoch",
-        rates(lambda: Objects("n-cars", "vgg19"), 100, epochs=250),
+        rates(lambda: Objects("n-cars", "vgg19", schedule="steps"), 100, epochs=250),
         ("SGD", {"momentum": 0.9, "weight_decay": 1e-5}, {0: 1e-3, 100: 1e-4, 200: 1e-5}),
     ),
     (
