@@ -9,13 +9,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from nvsdata.common.errors import FormatError
 from nvsdata.common.files import MOST_LINES, append_own, json_line, parsed_line, read_own, remove_link, write_all
 from nvsdata.data.events import EVER
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.store.index import ALIGNED, BEGIN, VERSION
-from nvsdata.datasets.store.record import HEAD, BlockError, events_of, head_of
+from nvsdata.datasets.store.record import HEAD, events_of, head_of
 from nvsdata.formats.ondisk import read_into
+from nvsdata.kernels.decode.blocks import blocks_between
 
 JOURNAL, DATA = "journal.jsonl", "data"
 
@@ -137,9 +137,9 @@ class Part:
         try:
             read_into(handle, str(self.data), self.end, raw)
             head = head_of(raw, facts.length)
-            blocks = raw[head.bytes : head.bytes + int(head.blocks["bytes"].sum())]
-            t = events_of(head, 0, head.blocks.size, blocks, *EVER, int(head.blocks["events"].sum())).t
-        except (FormatError, BlockError, ValueError):
+            first, last, begin, end, most = blocks_between(head.table, head.span[0], *EVER)
+            t = events_of(head, first, last, raw[head.bytes :][begin:end], *EVER, most).t
+        except ValueError:  # also a FormatError, or a BlockError
             return False
         return head.check == facts.check and t.size == facts.events and (int(t[0]), int(t[-1])) == head.span
 

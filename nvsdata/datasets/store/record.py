@@ -34,7 +34,7 @@ NO_BYTES = np.zeros(0, np.uint8)
 
 
 class Head(NamedTuple):
-    """What a store states of a recording before its events.
+    """Head of a record: the facts that a store states of a recording before its events.
 
     Attributes:
         span: times of the first and the last event in µs.

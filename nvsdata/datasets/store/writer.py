@@ -152,8 +152,6 @@ def _finish(part: Part, dataset: EventDataset, target: Path) -> None:
         **_side_files(dataset, part),
     )
     with part.data.open("r+b", buffering=0) as file:
-        # an earlier run may have ended here
-        file.truncate(part.end)
         file.seek(part.end)
         write_all(file.fileno(), index)
         file.seek(0)
