@@ -271,7 +271,7 @@ def store(rng: Rng, home: Path) -> str:
 
 
 def _same_or_refused(path: Path, sound: Store | None, rng: Rng) -> str:
-    """What is wrong with what a store says, of which a sound one may be given."""
+    """Return the fault of a store's answers, compared with those of a sound one if there is one."""
     try:
         found = open_store(path)
         listing = found.listing()

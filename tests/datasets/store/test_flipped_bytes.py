@@ -47,7 +47,7 @@ def first_byte(path, number):
 
 
 def parts_of(path):
-    """What each byte of a store belongs to: its name, and the byte that an error states, None if it states none."""
+    """Name the part of a store that each byte belongs to, and the byte that an error states (None: it states none)."""
     parts = [("head", None)] * 64
     found = storefiles.index_of(path)
     for number in range(len(found["name"])):

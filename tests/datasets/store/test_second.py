@@ -56,7 +56,7 @@ def plain(tmp_path):
 
 
 def same_columns(found, expected):
-    """Whether events are the same, with the same types."""
+    """Return True if events are the same, with the same types."""
     return all(
         ours.dtype == other.dtype and np.array_equal(ours, other)
         for ours, other in zip(found.columns, expected.columns, strict=True)
@@ -82,7 +82,7 @@ def test_events_are_those_that_were_packed(either):
     assert dataset.targets == [0, 0, 1]
     for number, events in enumerate(EXPECTED.values()):
         recording = dataset.recording(number)
-        # read, read again, and by a recording that is opened anew
+        # read, read again, and by a new recording
         for found in (recording.read(), recording.read(), dataset[number][0]):
             assert same_columns(found, events)
             assert found.sensor_size == (34, 30)

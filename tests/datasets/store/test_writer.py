@@ -137,7 +137,7 @@ def test_a_second_process_is_sent_away(digits, tmp_path):
 
 
 class Killed(BaseException):
-    """What a test raises in place of a kill."""
+    """Raised by a test in place of a kill."""
 
 
 def kills(*_, **__):
@@ -202,7 +202,7 @@ def test_a_file_that_changed_since_is_packed_anew(digits, tmp_path, monkeypatch)
 @pytest.mark.parametrize("zeros", [False, True])
 @pytest.mark.parametrize("keep", [0, 10, BEGIN, 1_000, -1])
 def test_events_that_never_reached_the_disk_are_packed_anew(digits, tmp_path, monkeypatch, keep, zeros):
-    """As after a power cut: the journal has lines of records that the data lacks, or has zeros for."""
+    """After a power cut, the journal may have lines of records that the data lacks, or has zeros for."""
     data = stopped(NMNIST(digits, "all"), tmp_path / "a.h5", monkeypatch) / DATA
     raw = data.read_bytes()
     data.write_bytes(raw[:keep] + bytes(len(raw) - len(raw[:keep]) if zeros else 0))
