@@ -19,6 +19,7 @@
     define(brightness) \
     define(causal) \
     define(clock) \
+    define(corners) \
     define(crossings) \
     define(dat) \
     define(davis_stream) \
@@ -26,19 +27,25 @@
     define(distances) \
     define(earlier) \
     define(earth_mover) \
+    define(edge_code) \
     define(edges) \
     define(evt) \
     define(evt2) \
     define(evt3) \
     define(filters) \
+    define(flow) \
     define(frames) \
     define(hats) \
+    define(hfirst) \
     define(hots) \
     define(inside) \
     define(latest) \
     define(learned) \
     define(log_polar) \
+    define(lzf) \
     define(measures) \
+    define(moves) \
+    define(names) \
     define(neighbors) \
     define(order) \
     define(patches) \
