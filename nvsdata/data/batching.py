@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from multiprocessing.reduction import ForkingPickler
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
 import torch
@@ -31,9 +31,37 @@ class Batch(NamedTuple):
     targets: Any
 
 
+class SequenceBatch(NamedTuple):
+    """A batch of `SequenceBatches`, as `collate` returns it.
+
+    Args:
+        inputs: As of `Batch`.
+        targets: As of `Batch`.
+        first: bool [B], True where a sequence begins: the network must reset its state there.
+        valid: bool [B], False for padding: windows that were in a batch before.
+    """
+
+    inputs: Any
+    targets: Any
+    first: torch.Tensor
+    valid: torch.Tensor
+
+
+@overload
 def collate(
     samples: Sequence[tuple[Any, Any]], *, pad: bool = False, events: Literal["list", "columns"] = "list"
-) -> Batch:
+) -> Batch: ...
+
+
+@overload
+def collate(
+    samples: Sequence[tuple[Any, Any, bool, bool]], *, pad: bool = False, events: Literal["list", "columns"] = "list"
+) -> SequenceBatch: ...
+
+
+def collate(
+    samples: Sequence[tuple[Any, ...]], *, pad: bool = False, events: Literal["list", "columns"] = "list"
+) -> Batch | SequenceBatch:
     """Make a batch of B pairs `(sample, target)`; the `collate_fn` of a DataLoader.
 
     For settings other than the defaults, pass `collate_fn=functools.partial(nvsdata.collate, pad=True)` to the
@@ -42,14 +70,15 @@ def collate(
     Args:
         samples: The pairs. Graphs become a `GraphBatch`. Sequences of S graphs become a `GraphBatch` with `volumes` =
             S. Tensors of one shape are stacked. Anything else is collated by torch, and so are targets (ints to int64
-            [B]). Targets that are dicts with `boxes` stay a list, because their numbers of boxes differ.
+            [B]). Targets that are dicts with `boxes` stay a list, because their numbers of boxes differ. With
+            `SequenceBatches`, samples are `(sample, target, first, valid)` and become a `SequenceBatch`.
         pad: Whether tensors of unequal size, such as different numbers of frames, become a `Padded`, filled with
             zeros. It applies to targets that are tensors, too (default False).
         events: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes
             an `EventBatch`, concatenated columns with `offsets`.
 
     Returns:
-        The inputs and the targets.
+        The inputs and the targets, of `SequenceBatches` also `first` and `valid`.
 
     Raises:
         ValueError: If there are no samples, if sequences have different lengths or graphs different `reach`, or if
@@ -64,8 +93,15 @@ def collate(
         raise ValueError(f"events must be 'list' or 'columns', not {events!r}")
     if not samples:
         raise ValueError("can't make a batch of no samples")
-    inputs = [sample for sample, _ in samples]
-    targets = [target for _, target in samples]
+    inputs, targets, *flags = map(list, zip(*samples, strict=True))
+    batch = _pairs(inputs, targets, pad, events)
+    if not flags:
+        return batch
+    first, valid = map(torch.tensor, flags)
+    return SequenceBatch(*batch, first, valid)
+
+
+def _pairs(inputs: list[Any], targets: list[Any], pad: bool, events: str) -> Batch:
     stacked = _stack(inputs, pad, events)
     if all(isinstance(target, int) for target in targets):
         return Batch(stacked, torch.tensor(targets))
@@ -147,6 +183,14 @@ def _send(batch: Batch) -> tuple[Any, ...]:
     return _receive, (piece.numpy() if piece.numel() <= SMALL else piece, layout, others)
 
 
+def _send_sequence(batch: SequenceBatch) -> tuple[Any, ...]:
+    return _receive_sequence, (Batch(batch.inputs, batch.targets), batch.first.numpy(), batch.valid.numpy())
+
+
+def _receive_sequence(batch: Batch, first: np.ndarray, valid: np.ndarray) -> SequenceBatch:
+    return SequenceBatch(*batch, torch.from_numpy(first), torch.from_numpy(valid))
+
+
 def _receive(piece: Any, layout: list[tuple[str, torch.dtype, torch.Size]], given: dict[str, Any]) -> Batch:
     flat = torch.from_numpy(np.require(piece, requirements="W")) if isinstance(piece, np.ndarray) else piece
     start = 0
@@ -159,6 +203,7 @@ def _receive(piece: Any, layout: list[tuple[str, torch.dtype, torch.Size]], give
 
 
 ForkingPickler.register(Batch, _send)
+ForkingPickler.register(SequenceBatch, _send_sequence)
 
 
 def _batch(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:

@@ -70,6 +70,14 @@ class Recording(ABC):
         """
 
     @property
+    def size_is_guessed(self) -> bool:
+        """True if neither file nor caller states `sensor_size`: it is the smallest that contains the events.
+
+        A sensor row or column without events is missing in it. `nvsdata.open(path, sensor_size=...)` states the size.
+        """
+        return False
+
+    @property
     def knows_span(self) -> bool:
         """True if `span` is known without decoding more events."""
         return True
@@ -87,7 +95,7 @@ class Recording(ABC):
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
         """Yield the frames whose exposure begins at start <= t < stop (µs, in the file's clock).
 
-        They are read from HDF5, AEDAT 2, AEDAT 4 and recordings of a DAVIS camera's raw stream.
+        They are read from HDF5, AEDAT 2, AEDAT 4, ROS bags and recordings of a DAVIS camera's raw stream.
 
         Raises:
             FormatError: If nvsdata reads only events of this format.
@@ -107,7 +115,7 @@ class Recording(ABC):
     def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
         """Return the external triggers with start <= t < stop (µs, in the file's clock).
 
-        They are read from Prophesee's `.raw` and AEDAT 4.
+        They are read from Prophesee's `.raw`, AEDAT 4 and ROS bags.
 
         Raises:
             FormatError: If the file has another format.
@@ -171,14 +179,17 @@ class Recording(ABC):
 def anomalies_of(raw: Columns) -> dict[str, int]:
     """Count steps back in time and duplicate events among events in file order."""
     steps_back = int(np.count_nonzero(raw.t[1:] < raw.t[:-1]))
-    raw = sort_by_time(raw)
-    # duplicates at one time may not be adjacent in the file
-    order = np.lexsort((raw.p, raw.y, raw.x, raw.t))
-    duplicates = np.ones(max(raw.t.size - 1, 0), bool)
-    for column in raw:
-        ordered = column[order]
-        duplicates &= ordered[1:] == ordered[:-1]
-    return {"steps back in time": steps_back, "duplicate events": int(np.count_nonzero(duplicates))}
+    t, x, y, p = sort_by_time(raw)
+    # duplicates may be apart among the events of their moment, so these are sorted; other moments have one event
+    repeated = t[1:] == t[:-1]
+    moment = np.cumsum(~repeated)
+    shared = np.flatnonzero(np.append(repeated, False) | np.append(False, repeated))
+    key = np.append(0, moment)[shared]
+    for column in (x[shared], y[shared], p[shared]):
+        low, high = (int(column.min()), int(column.max())) if column.size else (0, 0)
+        key = key * (high - low + 1) + (column - np.int64(low))
+    key.sort()
+    return {"steps back in time": steps_back, "duplicate events": int(np.count_nonzero(key[1:] == key[:-1]))}
 
 
 def as_events(sample: object, name: str = "sample") -> Events:

@@ -60,6 +60,10 @@ class AtisRecording(IndexedFile):
         return int(walk[RIGHT]), int(walk[BOTTOM])
 
     @property
+    def size_is_guessed(self) -> bool:
+        return self._given is None
+
+    @property
     def _short(self) -> bool:
         """True if any window decodes the entire file, because an index, which needs every record, takes as long."""
         return self.records <= SHORT * self.block

@@ -58,6 +58,7 @@ class FileRecording(Recording):
 
     _begins: int | None = None
     _ends: int | None = None
+    _guessed = False  # whether `_size` was derived from the events
     _rises = False  # whether the last decoded events are known to be in order of time
 
     def __init__(
@@ -73,8 +74,12 @@ class FileRecording(Recording):
     def sensor_size(self) -> tuple[int, int]:
         """(width, height) in pixels: as given, as the file states, or the smallest that contains its events."""
         if self._size is None:
-            self._size = self.decode_size()
+            self._size, self._guessed = self.decode_size(), True
         return self._size
+
+    @property
+    def size_is_guessed(self) -> bool:
+        return self._guessed or self._size is None
 
     @abstractmethod
     def decode(self) -> Columns:
@@ -127,13 +132,15 @@ class FileRecording(Recording):
 
     def _all(self) -> Events:
         """Return all events, sorted by time."""
-        if self._whole is not None:
-            return self._whole
-        columns = self._repaired(self.decode())
+        return self._as_events(self.decode()) if self._whole is None else self._whole
+
+    def _as_events(self, decoded: Columns) -> Events:
+        """Return decoded events, checked and sorted by time."""
+        columns = self._repaired(decoded)
         if not self._rises:
             columns = sort_by_time(columns)
         if self._size is None:
-            self._size = extent(columns)
+            self._size, self._guessed = extent(columns), True
         if columns.t.size and self._begins is not None and self._ends is not None:
             self._check_time(int(columns.t[0]), int(columns.t[-1]))
         return Events.trusted(columns, self._size, self._begins, self._ends)
@@ -219,7 +226,10 @@ class FileRecording(Recording):
             self.repairs[what] = count
 
     def anomalies(self) -> Mapping[str, int]:
-        return anomalies_of(self.decode())
+        raw = self.decode()
+        # `read` needn't decode again
+        self._whole = self._as_events(raw)
+        return anomalies_of(raw)
 
 
 def _unsigned(column: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from nvsdata.common.errors import FormatError, shown
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.formats.contents import HEAD
-from nvsdata.formats.registry import format_of
+from nvsdata.formats.registry import format_of, split_stream
 
 # without O_NONBLOCK, opening a pipe without a writer would wait
 _READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -20,7 +20,8 @@ def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = 
     """Open a file of events without decoding it.
 
     Args:
-        path: The file. Its format is recognized by its content, otherwise by its extension.
+        path: The file, or the folder of a ROS 2 bag. Its format is recognized by its content, otherwise by its
+            extension. `FILE#/TOPIC` selects a topic of a ROS bag that has several topics of events.
         sensor_size: (width, height) in pixels, in place of the size that the file states (default: that size,
             otherwise the smallest that contains the events). Some formats, such as that of N-MNIST, state no size:
             without `sensor_size=(34, 34)`, a file without events in the last row or column gets a smaller size than
@@ -44,8 +45,12 @@ def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = 
         (0, 30)
     """
     path = os.path.expanduser(os.fspath(path))
-    head = head_of(path)
-    recording: Recording = format_of(path, head).open(path, sensor_size, head, strict)
+    file, stream = split_stream(path)
+    head = head_of(file)
+    found = format_of(file, head)
+    if stream and not found.has_streams:
+        raise FormatError(file, f"no stream {stream}: files of {found.name} have no named streams")
+    recording: Recording = found.open(path, sensor_size, head, strict)
     return recording
 
 
@@ -101,21 +106,17 @@ def read(
 
 def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> None:
     """Warn about a window before the first or after the last event."""
-    if recording.knows_span and (message := outside(recording, start, stop)):
-        warnings.warn(f"{message}; relative=True counts from the first event", stacklevel=3)
-
-
-def outside(recording: Recording, start: int | None, stop: int | None) -> str | None:
-    """Return a message if a window is before the first or after the last event of a recording; otherwise None."""
+    if not recording.knows_span:
+        return
     first, last = recording.span
     if first < last and ((stop is not None and stop <= first) or (start is not None and start > last)):
         window = f"[{'' if start is None else start}, {'' if stop is None else stop})"
-        return f"{shown(recording.path)}: the window {window} has no events; the file's are at {first} to {last} µs"
-    return None
+        fault = f"the window {window} has no events; the file's are at {first} to {last} µs"
+        warnings.warn(f"{shown(recording.path)}: {fault}; relative=True counts from the first event", stacklevel=3)
 
 
 def head_of(path: str) -> bytes:
-    """Return the first 64 KiB of a file, or all of it if it is smaller."""
+    """Return the first 64 KiB of a file, or all of it if it is smaller; for a ROS 2 bag, those of its metadata."""
     # system calls take half the time of a file object, and a dataset may have 100,000 small files
     handle = os.open(path, _READING)
     try:
@@ -126,6 +127,9 @@ def head_of(path: str) -> bytes:
     except BlockingIOError:
         raise FormatError(path, "is a pipe or a device, not a recording") from None
     except IsADirectoryError:
+        metadata = os.path.join(path, "metadata.yaml")
+        if os.path.isfile(metadata):
+            return head_of(metadata)
         raise FormatError(path, "is a folder, not a recording: give a file in it") from None
     finally:
         os.close(handle)

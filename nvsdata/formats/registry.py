@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,9 @@ class Format:
             this format. It is called if neither a signature nor an extension decides (default None).
         write: `write(pieces, path)` writes a new file (default None: the format is only read).
         holds_samples: Whether files can contain frames and inertial samples (default False).
+        has_streams: Whether `open` takes paths with the name of a stream, as `split_stream` splits them (default
+            False).
+        packages: Packages of extras that some files of the format need (default none).
 
     Example:
         >>> from nvsdata.formats import FORMATS
@@ -45,6 +49,8 @@ class Format:
     looks_like: Callable[[bytes, int], bool] | None = None
     write: Callable[[Pieces, Path], None] | None = None
     holds_samples: bool = False
+    has_streams: bool = False
+    packages: tuple[str, ...] = ()
 
 
 STORE = b"NVSSTORE"  # first bytes of a packed store
@@ -64,6 +70,8 @@ BUILT_IN = (
     "nvsdata.formats.aedat.aedat1:FORMAT",
     "nvsdata.formats.aedat.aedat3:FORMAT",
     "nvsdata.formats.aedat.aedat4:FORMAT",
+    "nvsdata.formats.ros:ROS1",
+    "nvsdata.formats.ros:ROS2",
     "nvsdata.formats.evt.evt3:FORMAT",
     "nvsdata.formats.evt.evt2:FORMAT",
     "nvsdata.formats.evt.evt2:EVT21",
@@ -129,6 +137,23 @@ def register_format(added: Format) -> Format:
     if not isinstance(added, Format):
         raise TypeError(f"register_format takes a Format, not {added!r}")
     return FORMATS.register(added.name, added)
+
+
+def lacking_packages() -> set[str]:
+    """Return the extensions of formats of which some files need a package that isn't installed.
+
+    Example:
+        >>> lacking_packages() <= set(suffixes())
+        True
+    """
+    lacking = [one for one in FORMATS.loaded() if any(find_spec(package) is None for package in one.packages)]
+    return {suffix for one in lacking for suffix in one.suffixes}
+
+
+def split_stream(path: str) -> tuple[str, str]:
+    """Split `stereo.bag#/dvs/left/events` into a file and the name of a stream in it; "" if the path names none."""
+    file, mark, stream = path.partition("#/")
+    return (file, "/" + stream) if mark and not os.path.lexists(path) and os.path.exists(file) else (path, "")
 
 
 def format_of(path: str, head: bytes) -> Format:

@@ -56,7 +56,10 @@ class Aedat2Recording(ClockedFile):
         super().__init__(contents, sensor_size, strict, header_size=end)
         chip = next((m[1].upper() for line in lines if (m := re.match(r"#\s*AEChip:.*?(\w+)\s*$", line))), None)
         self.chip_size, self.layout = self._camera(chip)
-        self._size = self._size or self._stated(lines) or self.chip_size
+        stated = self._size or self._stated(lines)
+        # without the name of a chip, the addresses show which one it was
+        self._guessed = stated is None and chip is None
+        self._size = stated or self.chip_size
         self._state_times(stated_time(lines))
         self._scales = Scales.stated(lines)
 

@@ -371,5 +371,11 @@ def _streams(root: Any) -> dict[str, tuple[int, dict[str, str]]]:
 
 
 FORMAT = Format(
-    "aedat4", (".aedat4", ".aedat"), Aedat4Recording, begins=starts_with(MAGIC[:11]), write=write, holds_samples=True
+    "aedat4",
+    (".aedat4", ".aedat"),
+    Aedat4Recording,
+    begins=starts_with(MAGIC[:11]),
+    write=write,
+    holds_samples=True,
+    packages=("lz4", "zstandard"),
 )

@@ -15,6 +15,7 @@ PACKET = "<ii"  # stream and size, before each packet's content
 HEADER = 8  # bytes of stream and size
 EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
 LZ4, ZSTD = (1, 2), (3, 4)
+USUAL_RATIO = 4  # by which LZ4 seldom compresses events more
 
 
 class Packets(NamedTuple):
@@ -99,7 +100,11 @@ def _package(name: str, where: str = "") -> Any:
 
 def _unlz4(lz4: Any, packet: memoryview, most: int) -> bytes:
     decompressor = lz4.LZ4FrameDecompressor()
-    inflated: bytes = decompressor.decompress(packet, max_length=most)
+    # the package allocates all bytes that a call may return, which takes longer than decompressing
+    room = USUAL_RATIO * len(packet)
+    inflated: bytes = decompressor.decompress(packet, max_length=min(room, most))
+    if not (decompressor.eof or decompressor.needs_input) and len(inflated) < most:
+        inflated += decompressor.decompress(b"", max_length=most - len(inflated))
     if decompressor.eof:
         return inflated
     if len(inflated) < most:

@@ -32,6 +32,7 @@ FORMAT = Format(
     begins=starts_with(b"\x89HDF\r\n\x1a\n"),
     write=_write,
     holds_samples=True,
+    packages=("hdf5plugin",),
 )
 # the same layout with compressed columns, which the same code reads: 1.7 to 3.3 bytes per event instead of 7 to 9; but
 # reading a window of 30 ms takes milliseconds instead of 0.1 ms

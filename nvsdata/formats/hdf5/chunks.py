@@ -1,14 +1,15 @@
-"""Values of HDF5 datasets. Compressed chunks may not expand to more than the chunk size that the file states.
+"""Values of HDF5 datasets. Each chunk must expand to exactly the chunk size that the file states.
 
-The HDF5 library allocates memory for whatever a chunk expands to, and keeps it, so that a file of a few MB can take
-gigabytes. So this module decompresses deflated chunks itself, which is faster, too. The library decodes other
-compressions and layouts.
+The HDF5 library trusts a file: it allocates memory for whatever a chunk expands to, so that a file of a few MB can take
+gigabytes, and if a chunk is shorter than stated, it reads the memory behind it. So this module decompresses chunks
+itself where it can, which is faster, too. For the other compressions, it determines the size before the library
+decodes a chunk.
 """
 
 from __future__ import annotations
 
 import math
-import zlib
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -16,98 +17,136 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.formats.contents import fast_zlib
 from nvsdata.formats.hdf5.file import name_of
+from nvsdata.formats.hdf5.filters import CHECKSUM, EXPANDED, KNOWN, SAME_SIZE, SHUFFLE, expanded_size, filters_of
 
-SHUFFLE, DEFLATE, CHECKSUM = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32
-OURS = ([DEFLATE], [SHUFFLE, DEFLATE])  # lists of filters that this module undoes, in the order of writing
-# filters that can expand a chunk; at most one of them is allowed: the library's own, then bzip2, Blosc, LZ4, Zstandard
-# and Blosc2
-EXPANDING = (DEFLATE, h5py.h5z.FILTER_SZIP, h5py.h5z.FILTER_LZF, 307, 32001, 32004, 32015, 32026)
-SPARE = 1024  # bytes that filters may add to a chunk
+CHECKSUM_BYTES = 4
 
 Offset = tuple[int, ...]
 
 
 class Chunks:
-    """The values of a dataset of h5py; the last decompressed chunk is cached."""
+    """The values of a dataset of h5py; the last chunk is cached."""
 
     def __init__(self, path: Any, dataset: Any) -> None:
         self.path, self.dataset = path, dataset
         layout = dataset.id.get_create_plist()
-        self._filters: list[int] = []
-        if layout.get_layout() == h5py.h5d.CHUNKED:
-            self._filters = [layout.get_filter(i)[0] for i in range(layout.get_nfilters())]
-        self._deflated = DEFLATE in self._filters
-        after = self._filters[self._filters.index(DEFLATE) + 1 :] if self._deflated else []
-        if sum(kind in EXPANDING for kind in self._filters) > 1 or not {CHECKSUM}.issuperset(after):
-            raise FormatError(path, f"{name_of(dataset.id)} is compressed more than once, or filtered after that")
+        self._chunked = layout.get_layout() == h5py.h5d.CHUNKED
+        if not self._chunked:
+            return
+        filters = filters_of(layout)
+        self._filters, self._settings = [kind for kind, _ in filters], dict(filters)
+        self._check_filters()
+        self._kind, self._shape, self._sides = dataset.dtype, dataset.shape, layout.get_chunk()
+        in_file = dataset.id.get_type()
+        self._size = math.prod(self._sides) * in_file.get_size()
         self._last: tuple[Offset, np.ndarray] | None = None
-        if self._deflated:
-            self._kind, self._shape, self._sides = dataset.dtype, dataset.shape, layout.get_chunk()
-            self._size = math.prod(self._sides) * self._kind.itemsize
-            plain = self._kind.kind in "iufbV" and not self._kind.hasobject and self._filters in OURS
-            self._ours = plain and dataset.id.get_type().equal(h5py.h5t.py_create(self._kind, logical=True))
+        self._checked: set[Offset] = set()
+        undone = any(kind in EXPANDED for kind in self._filters) and {SHUFFLE, *EXPANDED}.issuperset(self._filters)
+        plain = self._kind.kind in "iufbV" and not self._kind.hasobject and self._kind.subdtype is None
+        # otherwise the library must decode the values
+        self._ours = undone and plain and in_file.equal(h5py.h5t.py_create(self._kind, logical=True))
+
+    def _check_filters(self) -> None:
+        name = name_of(self.dataset.id)
+        expanding = [i for i, kind in enumerate(self._filters) if kind not in {CHECKSUM, *SAME_SIZE}]
+        if len(expanding) > 1 or (expanding and not {CHECKSUM}.issuperset(self._filters[expanding[0] + 1 :])):
+            raise FormatError(self.path, f"{name} is compressed more than once, or filtered after that")
+        if expanding and (kind := self._filters[expanding[0]]) not in KNOWN:
+            reason = f"{name} is compressed by filter {kind}, which doesn't tell how far a chunk expands"
+            raise FormatError(self.path, f"{reason}: compress the file by another one, for example with h5repack")
 
     def read(self, lo: int = 0, hi: int | None = None) -> np.ndarray:
-        """Return rows lo..hi, all by default. FormatError if a chunk expands to more bytes than the file states."""
-        if not self.dataset.ndim:
-            return np.asarray(self.dataset[()])
-        found = self._inflated(lo, self.dataset.shape[0] if hi is None else hi) if self._deflated else None
-        return np.asarray(self.dataset[lo:hi]) if found is None else found
-
-    def _inflated(self, lo: int, hi: int) -> np.ndarray | None:
-        """Return rows lo..hi; None if the HDF5 library must decode them."""
-        first, last = min(lo, self._shape[0]), min(hi, self._shape[0])
-        rows = np.empty((max(last - first, 0), *self._shape[1:]), self._kind)
+        """Return rows lo..hi, all by default. FormatError if a chunk expands to another size than the file states."""
+        if not self._chunked:
+            return np.asarray(self.dataset[lo:hi] if self.dataset.ndim else self.dataset[()])
+        first, last = (min(row, self._shape[0]) for row in (lo, self._shape[0] if hi is None else hi))
         height, *sides = self._sides
         begins = [range(0, side, chunk) for side, chunk in zip(self._shape[1:], sides, strict=True)]
-        sound = True
-        for place in product(range(first // height * height, last, height), *begins):
-            chunk = self._chunk(place)
-            if chunk is None:
-                sound = False
-            elif sound:
-                begin, *others = place
-                a, b = max(begin, first), min(begin + height, last)
-                across = [
-                    slice(at, min(at + side, end)) for at, side, end in zip(others, sides, self._shape[1:], strict=True)
-                ]
-                part = chunk[a - begin : b - begin]
-                rows[(slice(a - first, b - first), *across)] = part[
-                    (slice(None), *(slice(where.stop - where.start) for where in across))
-                ]
-        return rows if sound else None
+        places = product(range(first // height * height, last, height), *begins)
+        if not self._ours:
+            for place in places:
+                self._check(place)
+            return np.asarray(self.dataset[first:last])
+        rows = np.empty((max(last - first, 0), *self._shape[1:]), self._kind)
+        for place in places:
+            begin, *others = place
+            a, b = max(begin, first), min(begin + height, last)
+            across = [
+                slice(at, min(at + side, end)) for at, side, end in zip(others, sides, self._shape[1:], strict=True)
+            ]
+            inside = (slice(None), *(slice(where.stop - where.start) for where in across))
+            rows[(slice(a - first, b - first), *across)] = self._chunk(place)[a - begin : b - begin][inside]
+        return rows
 
-    def _chunk(self, place: Offset) -> np.ndarray | None:
-        """Return the values of the chunk at `place`; None if the HDF5 library must decode it or report damage."""
+    def _stored(self, place: Offset) -> tuple[list[int], bytes]:
+        """Return the filters of a chunk, in the order of writing, and its bytes."""
+        mask, data = self.dataset.id.read_direct_chunk(place)
+        return [kind for i, kind in enumerate(self._filters) if not mask >> i & 1], data
+
+    def _chunk(self, place: Offset) -> np.ndarray:
+        """Return the values of a chunk that this module decodes."""
         if self._last is not None and self._last[0] == place:
             return self._last[1]
-        mask, data = self.dataset.id.read_direct_chunk(place)
-        at = self._filters.index(DEFLATE)
-        if mask >> at & 1:
-            return None
-        try:
-            inflater = fast_zlib.decompressobj()
-            raw = inflater.decompress(data, self._size + SPARE + 1)
-        except fast_zlib.error:
-            # zlib, which the HDF5 library uses, decompresses some data that isal can't
-            inflater = zlib.decompressobj()
+        raw: Any
+        filters, raw = self._stored(place)
+        stored = raw
+        for kind in EXPANDED.keys() & filters:
             try:
-                raw = inflater.decompress(data, self._size + SPARE + 1)
-            except zlib.error:
-                return None
-        if len(raw) > self._size + SPARE:
-            where = f"a chunk of {name_of(self.dataset.id)} at {', '.join(map(str, place))}"
-            raise FormatError(self.path, f"{where} expands to more than its {self._size} bytes")
-        if mask or not self._ours or not inflater.eof or len(raw) != self._size:
-            return None
-        if SHUFFLE in self._filters and self._kind.itemsize > 1:
+                raw = EXPANDED[kind](stored, self._size + 1)
+            except ValueError as error:
+                if len(stored) != self._size or not self._is_partial(place):
+                    raise self._error(place, f"is {error}") from None
+                # HDF5 may leave chunks that reach beyond the values as they are
+                filters = []
+        self._compare(place, len(raw))
+        if SHUFFLE in filters and self._kind.itemsize > 1:
             shuffled = np.frombuffer(raw, np.uint8).reshape(self._kind.itemsize, -1)
             raw = np.ascontiguousarray(shuffled.T).data
         chunk = np.frombuffer(raw, self._kind).reshape(self._sides)
         self._last = place, chunk
         return chunk
+
+    def _check(self, place: Offset) -> None:
+        """Raise FormatError unless a chunk that the library decodes has the stated size."""
+        if place in self._checked:
+            return
+        if self._filters:
+            filters, data = self._stored(place)
+            size = len(data)
+        else:
+            # without reading the values; `read_direct_chunk` would believe a false size
+            filters, size = [], self._sizes.get(place, 0)
+        for kind in reversed(filters):
+            if kind == CHECKSUM:
+                size = max(size - CHECKSUM_BYTES, 0)
+            elif kind not in SAME_SIZE:
+                try:
+                    size = expanded_size(kind, self._settings[kind], data[:size], self._size + CHECKSUM_BYTES + 1)
+                except ValueError as error:
+                    raise self._error(place, f"is {error}") from None
+                except (LookupError, ZeroDivisionError):
+                    raise self._error(place, "is damaged: its header has no sizes") from None
+        self._compare(place, size)
+        self._checked.add(place)
+
+    @cached_property
+    def _sizes(self) -> dict[Offset, int]:
+        """Sizes of all chunks: the library's search for a single one takes as long."""
+        sizes: dict[Offset, int] = {}
+        self.dataset.id.chunk_iter(lambda chunk: sizes.update({chunk.chunk_offset: chunk.size}))
+        return sizes
+
+    def _is_partial(self, place: Offset) -> bool:
+        return any(at + side > end for at, side, end in zip(place, self._sides, self._shape, strict=True))
+
+    def _compare(self, place: Offset, size: int) -> None:
+        if size != self._size:
+            found = f"more than its {self._size}" if size > self._size else f"{size} of its {self._size}"
+            raise self._error(place, f"expands to {found} bytes")
+
+    def _error(self, place: Offset, reason: str) -> FormatError:
+        return FormatError(self.path, f"a chunk of {name_of(self.dataset.id)} at {', '.join(map(str, place))} {reason}")
 
 
 def values_of(path: Any, dataset: Any) -> np.ndarray:

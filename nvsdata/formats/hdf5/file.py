@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 import h5py
@@ -168,16 +168,21 @@ def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tupl
 
 
 def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
-    """Raise FormatError if a dataset is compressed by a filter that isn't installed."""
+    """Raise an error if a dataset is compressed by a filter that isn't installed.
+
+    ImportError if installing hdf5plugin may help; FormatError if it is installed, and doesn't have the filter.
+    """
     for i in range(layout.get_nfilters()):
         code, *_ = layout.get_filter(i)
         if h5py.h5z.filter_avail(code):
             continue
-        with suppress(ImportError):
+        how = f"{name_of(dataset)} is compressed by filter {code}, which isn't installed"
+        try:
             import hdf5plugin  # noqa: F401  registers its filters
+        except ImportError:
+            raise ImportError(f"{path}: {how}: pip install 'nvsdata[hdf5]' installs the usual filters") from None
         if not h5py.h5z.filter_avail(code):
-            how = f"{name_of(dataset)} is compressed by filter {code}, which isn't installed"
-            raise FormatError(path, f"{how}: pip install 'nvsdata[hdf5]' installs the usual filters")
+            raise FormatError(path, f"{how}, and isn't one of hdf5plugin's")
 
 
 def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
@@ -192,10 +197,15 @@ def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
         return [offset], count
     if layout.get_layout() != h5py.h5d.CHUNKED:
         return [], 0
-    found: dict[int, int] = {}
-    dataset.chunk_iter(lambda chunk: found.update({chunk.chunk_offset[0]: chunk.byte_offset}))
     (length,) = layout.get_chunk()
-    return [found[first] for first in range(0, count, length)], length
+    size = length * dataset.dtype.itemsize
+    found: dict[int, int] = {}
+    # a chunk of another size is left to `Chunks`, which names it
+    dataset.chunk_iter(
+        lambda chunk: found.update({chunk.chunk_offset[0]: chunk.byte_offset}) if chunk.size == size else None
+    )
+    places = [found[first] for first in range(0, count, length) if first in found]
+    return (places, length) if len(places) == -(-count // length) else ([], 0)
 
 
 def _elsewhere(path: Any, name: str, what: str) -> FormatError:

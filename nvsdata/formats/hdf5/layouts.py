@@ -14,7 +14,8 @@ shuffled and deflated, and `/events/starts`, the first time of each chunk, int64
 chunks. Starts that don't agree with the times that are read are not used.
 
 Other files: columns x, y, t, p in `/events` or `/`, optionally with `/t_offset` (DSEC), or one compound `/CD/events`
-(Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`).
+(Metavision). Polarity may be 0/1 or -1/1. DSEC's compression needs the package hdf5plugin (`nvsdata[hdf5]`), and
+Metavision's needs Prophesee's plugin ECF.
 
 In all layouts except plain columns, times never fall, so a window is found by bisection. A file out of order is
 refused, or sorted if `strict` is false. For plain columns, all times are checked before the first window is read.

@@ -1,0 +1,1 @@
+"""Files of calibrated cameras: DSEC, Kalibr, ROS and OpenCV."""
