@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
-import logging
-import signal
-import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import active_children
-from threading import Event
+from collections.abc import Callable, Generator, Sequence
+from itertools import islice
 from typing import Any, TypeVar
 
-from nvsdata.common.prefetch import stay_in_one_thread
-from nvsdata.common.processes import process_pool
-from nvsdata.common.progress import say_above_bar
-from nvsdata.common.threads import during_block
+from nvsdata.batch.cluster import Cluster
+from nvsdata.batch.local import LocalProcesses
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-AHEAD = 8  # items per process whose results may wait, if order matters
-RETRIES = 3  # repetitions of an item whose worker was lost
-CHECK_S = 5.0  # s between two checks of the cluster's workers
-PATIENCE_S = 300.0  # s to wait for a worker
+AHEAD = 8  # items per worker that are in progress or whose results wait
 
 
 def as_done(
@@ -32,139 +19,63 @@ def as_done(
 ) -> Generator[Result]:
     """Yield the results of `work` in the order in which they are finished.
 
+    The items of a worker that is killed are done again by another one.
+
     Args:
-        work: Function of an item.
-        items: Items; for a cluster, each has a `name`.
+        work: Function of an item, which can be pickled unless it is called in this process. Each worker gets it once.
+        items: Items.
         processes: Number of processes; 1 calls `work` in this process.
-        scheduler: Address of a Dask cluster whose workers call `work` instead. A lost worker is replaced by another.
-            If there is no worker, a line on stderr says so, and the items wait for one, at most five minutes.
+        scheduler: Address of a Dask cluster whose workers call `work` instead. If there is no worker, a line on stderr
+            says so, and the items wait for one, at most five minutes.
 
     Raises:
         ImportError: Dask isn't installed (`nvsdata[distributed]`).
-        OSError: A process was killed, the scheduler doesn't answer or is lost, there is no worker for five minutes, or
-            several workers were killed while they processed the same item.
+        OSError: An item's process was killed four times, the scheduler doesn't answer or is lost, or there is no worker
+            for five minutes.
     """
-    if scheduler is not None:
-        yield from _by_cluster(work, items, scheduler)
-    elif processes == 1 or len(items) < 2:
-        yield from map(work, items)
-    else:
-        with _workers(min(processes, len(items)), _module_of(work)) as workers:
-            for future in as_completed([workers.submit(work, item) for item in items]):
-                yield future.result()
+    return _results(work, items, processes, scheduler, ordered=False)
 
 
-def in_order(work: Callable[[Task], Result], items: Sequence[Task], processes: int = 1) -> Generator[Result]:
-    """Yield the results of `work` in the order of the items; each process works at most `AHEAD` items ahead.
+def in_order(
+    work: Callable[[Task], Result], items: Sequence[Task], processes: int = 1, scheduler: str | None = None
+) -> Generator[Result]:
+    """Yield the results of `work` in the order of the items; parameters and errors are those of `as_done`.
+
+    Each worker works at most `AHEAD` items ahead, so that results don't fill the memory.
+    """
+    return _results(work, items, processes, scheduler, ordered=True)
+
+
+def in_shard(items: Sequence[Task], shard: tuple[int, int] | None) -> Sequence[Task]:
+    """Return the items of shard (i, n): every n-th item from the i-th on, counted from 1; all for None.
 
     Raises:
-        OSError: A process was killed.
+        ValueError: Unless i and n are integers and 1 <= i <= n.
     """
-    if processes == 1:
-        yield from map(work, items)
+    match shard:
+        case None:
+            return items
+        case [first, step] if type(first) is type(step) is int and 1 <= first <= step:
+            return items[first - 1 :: step]
+    raise ValueError(f"shard must be (i, n) with integers 1 <= i <= n, not {shard}")
+
+
+def _results(
+    function: Callable[[Task], Result], items: Sequence[Task], processes: int, scheduler: str | None, *, ordered: bool
+) -> Generator[Result]:
+    if scheduler is None and (processes == 1 or len(items) < 2):
+        yield from map(function, items)
         return
-    with _workers(processes, _module_of(work)) as workers:
-        waiting: deque[Future[Result]] = deque()
-        for item in items:
-            waiting.append(workers.submit(work, item))
-            if len(waiting) >= AHEAD * processes:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
-
-
-def _module_of(work: Callable[..., Any]) -> str:
-    """Return the module of a function, or of the function in a `functools.partial`."""
-    return str(getattr(work, "func", work).__module__)
-
-
-@contextmanager
-def _workers(count: int, module: str) -> Iterator[Any]:
-    """Start processes that have imported a module; if the block raises, they are ended."""
-    others = set(active_children())  # children that the calling program started before
-    with process_pool(count, module, _prepare) as workers:
-        try:
-            yield workers
-        except BrokenProcessPool:
-            raise OSError("a worker process was killed (out of memory?): the same command resumes") from None
-        except BaseException:
-            # work in progress may take minutes; the next run repeats it
-            workers.shutdown(wait=False, cancel_futures=True)
-            for process in (own := set(active_children()) - others):
-                process.terminate()
-            for process in own:
-                process.join()
-            raise
-
-
-def _prepare() -> None:
-    """Set up a worker: it ignores Ctrl-C, which its parent handles, and uses one thread, to leave cores to others."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    stay_in_one_thread()
-
-
-def _by_cluster(work: Callable[[Task], Result], items: Sequence[Task], scheduler: str) -> Iterator[Result]:
-    """Yield the results of a Dask cluster's workers as they are done."""
-    try:
-        from distributed import Client, KilledWorker
-        from distributed import as_completed as as_completed_there
-    except ImportError:
-        raise ImportError("a scheduler needs Dask: pip install 'nvsdata[distributed]'") from None
-    # the client's log would print the traceback of a lost connection, which the error below reports
-    with _only_critical(logging.getLogger("distributed.client")), Client(scheduler) as client:
-        # not pure: a run that resumes must repeat an item, even if the cluster still has its earlier result
-        futures = client.map(work, items, pure=False, retries=RETRIES)
-        named = {future.key: item for future, item in zip(futures, items, strict=True)}
-        with _watched(client, scheduler, futures) as reasons:
-            try:
-                for future in as_completed_there(futures):
-                    try:
-                        yield future.result()
-                    except KilledWorker as error:
-                        raise OSError(f"{getattr(named[future.key], 'name', '')}: {error}") from None
-                    except CancelledError:
-                        raise OSError(reasons[0] if reasons else f"the scheduler at {scheduler} is gone") from None
-            finally:
-                if client.status == "running":
-                    client.cancel(futures)
-
-
-@contextmanager
-def _only_critical(log: logging.Logger) -> Iterator[None]:
-    """Silence a log, except for critical messages, while the block runs."""
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
-
-
-@contextmanager
-def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[str]]:
-    """Watch the cluster's workers while the block runs; if there is none for `PATIENCE_S`, cancel the futures.
-
-    Yields a list. If the futures are cancelled, the reason is added to it.
-    """
-    reasons: list[str] = []
-
-    def watch(ended: Event) -> None:
-        seen, waiting = time.monotonic(), False
-        while not ended.wait(CHECK_S):
-            try:
-                workers = len(client.nthreads())
-            except Exception:
-                # a lost scheduler cancels the futures
+    rest, waiting = iter(items), dict[Any, Task]()
+    with (
+        LocalProcesses(function, min(processes, len(items)), ordered=ordered)
+        if scheduler is None
+        else Cluster(function, scheduler, ordered=ordered)
+    ) as workers:
+        while True:
+            for item in islice(rest, max(AHEAD * workers.count - len(waiting), 0)):
+                waiting[workers.submit(item)] = item
+            if not waiting:
                 return
-            if workers:
-                seen, waiting = time.monotonic(), False
-            elif not waiting:
-                waiting = True
-                say_above_bar(f"no worker at {scheduler}: waiting for one, at most {PATIENCE_S:.0f} s")
-            elif time.monotonic() - seen > PATIENCE_S:
-                reasons.append(f"no worker at {scheduler} for {PATIENCE_S:.0f} s")
-                client.cancel(futures, force=True)
-                return
-
-    with during_block(watch, "nvsdata-workers"):
-        yield reasons
+            work = workers.next(waiting)
+            yield workers.result(work, waiting.pop(work))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from nvsdata.datasets.aslandvs import ASLANDVS
 from nvsdata.datasets.asldvs import ASLDVS
 from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.cache.encoding import decode_sample
 from nvsdata.datasets.cifar10dvs import CIFAR10DVS
 from nvsdata.datasets.dvs128gesture import DVS128Gesture
 from nvsdata.datasets.folder import EventFolder
@@ -18,6 +19,7 @@ from nvsdata.datasets.ncars import NCARS
 from nvsdata.datasets.nmnist import NMNIST
 from nvsdata.datasets.registry import DATASETS, dataset_named, register_dataset
 from nvsdata.datasets.seeded import SeededBatches, SeededDataset
+from nvsdata.datasets.sequences import SequenceBatches
 from nvsdata.datasets.splits import stratified
 from nvsdata.datasets.ucf import UCF50DVS, UCF101DVS
 from nvsdata.datasets.yupenndvs import YUPENNDVS
@@ -57,7 +59,9 @@ __all__ = [
     "NCaltech101",
     "SeededBatches",
     "SeededDataset",
+    "SequenceBatches",
     "dataset_named",
+    "decode_sample",
     "register_dataset",
     "stratified",
 ]

@@ -105,7 +105,7 @@ class ASLANDVS(BottomOriginDataset):
         self.missing = sorted(missing)
         return found
 
-    def _select(self, found: list[Any]) -> Iterator[Any]:
+    def _select(self, found: Sequence[Any]) -> Iterator[Any]:
         for pair, fold in zip(found, self.folds, strict=True):
             if self.split_name == "all" or (fold == self.fold) == (self.split_name == "test"):
                 yield pair
@@ -164,7 +164,8 @@ class ASLANDVS(BottomOriginDataset):
     def _files(self, sample: Any) -> tuple[str, ...]:
         return sample.a, sample.b
 
-    def _name_of(self, sample: Any) -> str:
+    @classmethod
+    def _name_of(cls, sample: Any) -> str:
         return f"{_stem(sample.a)} {_stem(sample.b)}"
 
 

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import nvsdata.data.batching  # noqa: F401  registers how samples become batches
 from nvsdata.common.errors import shown
+from nvsdata.common.text import plain_name
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import EventRange, Slice
-from nvsdata.datasets.description import notebook_view, nothing_below, plain_name, shape_made_by
+from nvsdata.datasets.description import notebook_view, nothing_below, shape_made_by
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.indexing import PairTransform, Samples, Transform, check_choice
-from nvsdata.datasets.source import Folder, Source, path_below, recordings_in
+from nvsdata.datasets.sample_list import ListedRecordings, SampleList, taken
+from nvsdata.datasets.source import Folder, Recordings, Source, path_below
+from nvsdata.remote.url import Url, place_of
 
 
 class EventDataset(Samples):
@@ -33,7 +35,7 @@ class EventDataset(Samples):
     `dataset.split(0.9)` returns two. Subclasses define `info` and how to split.
 
     Args:
-        root: a folder, or a packed store that `nvsdata pack` made from one.
+        root: a folder, or a packed store that `nvsdata pack` made from one: a path, or a URL such as s3://bucket/a.nvs.
         split: one of `splits`: "train", "test" or "all" (default: the first of them).
         transform: applied to the recording.
         target_transform: applied to the target, an int.
@@ -49,7 +51,7 @@ class EventDataset(Samples):
     Attributes:
         classes: names of the classes, in the order of their labels.
         class_to_idx: name of a class to its label.
-        samples: one `Sample` for each sample.
+        samples: a sequence with one `Sample` for each sample.
         targets: label of each sample, ints.
         sensor_size: (width, height) in pixels of every recording; None if they differ.
         split_name: the split.
@@ -78,7 +80,7 @@ class EventDataset(Samples):
     splits: ClassVar[tuple[str, ...]] = ("train", "test", "all")
     aliases: ClassVar[dict[str, str]] = {}  # other names of class folders
     smallest: ClassVar[int] = 0  # bytes; smaller files have no events and are left out
-    independent: ClassVar[tuple[str, ...]] = ("listing", "_labels")
+    independent: ClassVar[tuple[str, ...]] = ("listing", "_recordings", "_labels")
 
     def __init__(
         self,
@@ -94,7 +96,8 @@ class EventDataset(Samples):
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
-        self.root, self.split_name = Path(root).expanduser(), self._split_of(split, train)
+        self.root: Path | Url = place_of(root)
+        self.split_name = self._split_of(split, train)
         self.fold = self._check_fold(fold)
         self._set(transform, target_transform, transforms, seed, errors)
         if download:
@@ -104,7 +107,8 @@ class EventDataset(Samples):
         self.class_to_idx = {name: index for index, name in enumerate(self.classes)}
         self.skipped: list[str] = []
         with _no_collection():
-            self.samples = list(self._usable(self._select(self._not_empty(self.found()))))
+            found = self._usable(self._select(self._not_empty(self.found())))
+            self.samples = found if isinstance(found, SampleList) else list(found)
         if not self.samples:
             raise FileNotFoundError(self._nothing(f"no recordings for split {self.split_name!r}"))
         self._count()
@@ -115,20 +119,23 @@ class EventDataset(Samples):
         return cls(root, "all")
 
     def _source(self) -> Source:
-        if self.root.is_dir():
+        if isinstance(self.root, Path) and self.root.is_dir():
             return Folder(self.root)
-        if self.root.is_file():
-            from nvsdata.datasets.store.opening import open_store
+        if not _is_file(self.root):
+            raise FileNotFoundError(f"{self.root} is not a folder; {self._how_to_get()}")
+        from nvsdata.datasets.store.opening import open_store, refuse_shard
 
-            store = open_store(self.root)
-            if store.dataset != self.info.name:
-                raise ValueError(f"{self.root} contains {store.dataset}, not {self.info.name}")
-            # a store of one split doesn't contain the others
-            if store.split != "all" and (store.split, store.fold) != (self.split_name, self.fold):
-                which = f"split {store.split!r}, fold {store.fold}"
-                raise ValueError(f"{self.root} was packed from {which} only: pack split='all' to use other splits")
-            return store
-        raise FileNotFoundError(f"{self.root} is not a folder; {self._how_to_get()}")
+        store = open_store(self.root)
+        if store.precomputed is not None:
+            raise ValueError(f"{self.root} has precomputed samples: open it with nvsdata.Precomputed")
+        if store.dataset != self.info.name:
+            raise ValueError(f"{self.root} contains {store.dataset}, not {self.info.name}")
+        refuse_shard(store, self.root)
+        # a store of one split doesn't contain the others
+        if store.split != "all" and (store.split, store.fold) != (self.split_name, self.fold):
+            which = f"split {store.split!r}, fold {store.fold}"
+            raise ValueError(f"{self.root} was packed from {which} only: pack split='all' to use other splits")
+        return store
 
     def _nothing(self, missing: str) -> str:
         """Return the error message for `missing` data: what is expected and found below the root, where to get it."""
@@ -162,25 +169,16 @@ class EventDataset(Samples):
         """All files below the root: folder to sorted file names."""
         return self.source.listing()
 
-    def found(self) -> list[Sample]:
-        """Return the samples of all splits, sorted by class, then by file name, regardless of their folders."""
-        by_label: dict[int, list[list[Sample]]] = {}
-        for folder, names in self.listing.items():
-            label = self._label_of(folder)
-            if label is None:
-                continue
-            files = recordings_in({folder: names})
-            # `_make` is faster than `Sample(...)`, and there may be 100,000 samples
-            fields = zip(files, repeat(label), repeat(None), repeat(None))
-            by_label.setdefault(label, []).append(list(map(Sample._make, fields)))
-        found: list[Sample] = []
-        for label in sorted(by_label):
-            samples = list(chain.from_iterable(by_label[label]))
-            # a single folder is already sorted by file name
-            found += samples if len(by_label[label]) == 1 else sorted(samples, key=lambda s: (s.file, s.name))
-        return found
+    @cached_property
+    def _recordings(self) -> Recordings:
+        found = self.source.recordings()
+        return ListedRecordings(self.listing) if found is None else found
 
-    def _not_empty(self, found: list[Sample]) -> list[Sample]:
+    def found(self) -> Sequence[Sample]:
+        """Return the samples of all splits, sorted by class, then by file name, regardless of their folders."""
+        return SampleList.sorted(self._recordings, self._label_of, by_file=True)
+
+    def _not_empty(self, found: Sequence[Sample]) -> Sequence[Sample]:
         """Return the samples without those whose file is too small to contain events."""
         if not self.smallest:
             return found
@@ -202,12 +200,15 @@ class EventDataset(Samples):
                 return label
         return None
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Any]) -> Iterable[Sample]:
         """Return the samples of the split: by default, those below a folder whose name contains the split's name."""
         if self.split_name == "all":
             return found
-        inside = {folder for folder in self.listing if self.part_of(folder) == self.split_name}
-        chosen = [sample for sample in found if os.path.dirname(sample.name) in inside]
+        chosen: Sequence[Sample]
+        if isinstance(found, SampleList):
+            chosen = found.within(lambda folder: self.part_of(folder) == self.split_name)
+        else:
+            chosen = [sample for sample in found if self.part_of(os.path.dirname(sample.name)) == self.split_name]
         if not chosen:
             raise FileNotFoundError(self._nothing(f"no folder {self.split_name.capitalize()} with recordings"))
         return chosen
@@ -220,9 +221,12 @@ class EventDataset(Samples):
         self.skipped += [name for name in left_out if name not in self.skipped]
         return [sample for sample in samples if left_out.keys().isdisjoint(self._files(sample))]
 
-    def _held_out(self, found: list[Sample], for_testing: Callable[[Sample], bool]) -> list[Sample]:
+    def _held_out(self, found: Sequence[Sample], for_testing: Callable[[Sample], bool]) -> Sequence[Sample]:
         """Return the samples of the split: `for_testing` selects the test samples, all others are for training."""
-        return [s for s in found if self.split_name == "all" or for_testing(s) == (self.split_name == "test")]
+        if self.split_name == "all":
+            return found
+        testing = self.split_name == "test"
+        return taken(found, [i for i, sample in enumerate(found) if for_testing(sample) == testing])
 
     def part_of(self, folder: str) -> str | None:
         """Return "train" or "test", from the first name in the folder's path that contains one; None if none does."""
@@ -283,7 +287,7 @@ class EventDataset(Samples):
         from nvsdata.datasets.archives.download import download
 
         # a packed store needs no download
-        if not self.root.is_file():
+        if isinstance(self.root, Path) and not self.root.is_file():
             download(self.info, self.root)
 
     def _side_file(self, name: str) -> str | None:
@@ -325,6 +329,11 @@ class EventDataset(Samples):
         if self.transforms is not None:
             lines.append(f"transforms: {self.transforms!r}")
         return "\n".join(f"    {line}" for line in lines)
+
+
+def _is_file(root: Path | Url) -> bool:
+    """Return whether a root isn't a folder. A URL never is one."""
+    return isinstance(root, Url) or root.is_file()
 
 
 @contextmanager

@@ -16,7 +16,8 @@ ERRORS = ("raise", "skip", "repair")
 MAX_UNREADABLE = 100  # recordings in a row; if all are unreadable, the disk is probably damaged, not the files
 REPLACED, REPAIRED = 1, 2
 UNREADABLE = (FormatError, OSError)
-OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # no file descriptors or memory left: no recording is damaged
+# no file descriptors, memory or connection left: no recording is damaged
+OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ETIMEDOUT)
 
 
 class Damage:

@@ -12,30 +12,28 @@ import numpy as np
 import torch
 
 from nvsdata.common.errors import shown
-from nvsdata.common.text import as_html
+from nvsdata.common.text import as_html, plain_name
 from nvsdata.datasets.facts import Sample
 from nvsdata.datasets.source import Listing, recordings_in
+from nvsdata.remote.url import Url
 
 MOST_CLASSES = 10  # shown in a notebook
 MOST_FOLDERS = 5  # named in a message
 
 
-def plain_name(name: str) -> str:
-    """Return a name in lower case without spaces and punctuation, by which class folders are recognized."""
-    return "".join(c for c in name.lower() if c.isalnum())
-
-
-def nothing_below(root: Path, listing: Listing, tree: str, names: Collection[str]) -> str:
+def nothing_below(root: Path | Url, listing: Listing, tree: str, names: Collection[str]) -> str:
     """Return a message with the tree of folders that was expected below `root`, and the tree that was found.
 
     Args:
-        root: the folder in which no recordings were found.
+        root: the folder, or the URL of the store, in which no recordings were found.
         listing: the files below it.
         tree: the layout of the dataset as distributed.
         names: plain names (see `plain_name`) of classes and splits. A root with such a name is too deep: the message
             then suggests a folder above.
     """
     message = f"expected there: {tree}; found: {_summary(listing)}"
+    if isinstance(root, Url):
+        return message
     above = root.absolute()
     while plain_name(above.name) in names and above != above.parent:
         above = above.parent

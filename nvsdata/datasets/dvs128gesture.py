@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 
 from nvsdata.data.recording import Recording
@@ -80,6 +80,7 @@ class DVS128Gesture(EventDataset):
         sensor_size=(128, 128),
         classes=CLASSES,
         page="https://ibm.ent.box.com/s/3hiq58ww1pbbjrinh367ykfdf60xsfm8/folder/50167556794",
+        reported_size="3 GB (reported)",
         license="CC BY 4.0",
         archives=(
             Archive(
@@ -124,14 +125,15 @@ class DVS128Gesture(EventDataset):
             return None
         return [line.strip().rsplit(".", 1)[0] for line in listed.splitlines() if line.strip()]
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         trials = self._trials_in(f"trials_to_{self.split_name}.txt")
         if trials is not None:
             wanted = set(trials)
             return [sample for sample in found if _trial(sample)[0] in wanted]
         return self._held_out(found, lambda sample: int(_trial(sample)[1]) >= FIRST_TEST_USER)
 
-    def _name_of(self, sample: Sample) -> str:
+    @classmethod
+    def _name_of(cls, sample: Sample) -> str:
         return f"{_trial(sample)[0]} {super()._name_of(sample)}"
 
     def _view(self, recording: Recording) -> Recording:

@@ -105,6 +105,7 @@ class Info:
         expected_counts: number of recordings of each class; empty if unknown.
         known_from: source of these counts, and sources that disagree.
         tree: layout below the root as distributed.
+        reported_size: size of the download as reported elsewhere, if that of an archive is unknown.
     """
 
     name: str
@@ -117,6 +118,7 @@ class Info:
     expected_counts: tuple[ExpectedCount, ...] = ()
     known_from: str = ""
     tree: str = "<class>/<recording>"
+    reported_size: str = ""
 
     @property
     def by_program(self) -> bool:

@@ -8,6 +8,7 @@ from nvsdata.data.recording import Recording
 from nvsdata.data.views import FlippedY
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Sample
+from nvsdata.datasets.sample_list import taken
 from nvsdata.datasets.splits import stratified
 
 
@@ -24,12 +25,12 @@ class RandomSplitDataset(EventDataset):
             raise ValueError(f"fold, the seed of the random split, must be at least 0, not {fold}")
         return fold or 0
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         if self.split_name in ("all", self.source.split) or not found:
             return found
         names = [(self.classes[sample.label], self._name_of(sample)) for sample in found]
         train, test = stratified(names, 0.2, seed=self.fold)
-        return [found[i] for i in (train if self.split_name == "train" else test)]
+        return taken(found, train if self.split_name == "train" else test)
 
 
 class BottomOriginDataset(EventDataset):

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-from functools import cached_property
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from functools import cache, cached_property
 
 from nvsdata import formats
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.indexing import PairTransform, Transform
-from nvsdata.datasets.source import recordings_in
+from nvsdata.datasets.sample_list import SampleList
+from nvsdata.datasets.source import Folder, recordings_in
+from nvsdata.formats.registry import lacking_packages
 
 PARTS = ("train", "test")
+
+
+@cache
+def _check_readable(path: str) -> None:
+    """Raise ImportError if a recording needs a package that isn't installed. A process opens it once."""
+    # damage is reported when the sample is taken
+    with suppress(OSError, ValueError):
+        formats.open(path).read(0, 1)
 
 
 class EventFolder(EventDataset):
@@ -40,6 +51,7 @@ class EventFolder(EventDataset):
 
     Raises:
         FileNotFoundError: there is no such folder, no class folder in it, or no recording.
+        ImportError: recordings need a package that isn't installed.
         ValueError: recordings are both in train or test folders and in other folders, for "all".
 
     Example:
@@ -90,6 +102,22 @@ class EventFolder(EventDataset):
             seed=seed,
             errors=errors,
         )
+        self._check_packages()
+
+    def _check_packages(self) -> None:
+        """Raise ImportError if recordings need a package that isn't installed.
+
+        The first and the last file of each folder are looked at, and a recording of each kind is opened.
+        """
+        # a store has events, whatever the recordings were
+        if not isinstance(self.source, Folder) or not (lacking := lacking_packages()):
+            return
+        found: dict[str, str] = {}
+        for folder, names in self.listing.items():
+            for name in (*names[:1], *names[-1:]):
+                found.setdefault(os.path.splitext(name)[1].lower(), os.path.join(self.source.root, folder, name))
+        for suffix in sorted(found.keys() & lacking):
+            _check_readable(found[suffix])
 
     @cached_property
     def _first_size(self) -> tuple[int, int]:
@@ -127,7 +155,7 @@ class EventFolder(EventDataset):
         if self.split_name != "all":
             if self.split_name not in self._parts:
                 raise FileNotFoundError(
-                    f"{self.root / self.split_name} is not a folder; split={self.split_name!r} needs it"
+                    f"{self.root}{os.sep}{self.split_name} is not a folder; split={self.split_name!r} needs it"
                 )
             return [self._parts[self.split_name] + "/"]
         if not self._parts:
@@ -148,16 +176,14 @@ class EventFolder(EventDataset):
             raise FileNotFoundError(self._nothing("no class folders with recordings"))
         return sorted(names - {"", "."})
 
-    def found(self) -> list[Sample]:
-        found = []
-        for home in self._homes:
-            for folder, names in self.listing.items():
-                label = self.class_to_idx.get(folder[len(home) :].split("/")[0]) if folder.startswith(home) else None
-                if label is not None:
-                    found += [Sample(name, label) for name in recordings_in({folder: names})]
-        return sorted(found, key=lambda sample: (sample.label, sample.name))
+    def found(self) -> Sequence[Sample]:
+        return SampleList.sorted(self._recordings, self._label_of, by_file=False)
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _label_of(self, folder: str) -> int | None:
+        homes = [home for home in self._homes if folder.startswith(home)]
+        return self.class_to_idx.get(folder[len(homes[0]) :].split("/")[0]) if homes else None
+
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         return found
 
     def recording_names(self) -> list[str]:

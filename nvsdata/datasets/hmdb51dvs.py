@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import ClassVar
@@ -80,7 +80,7 @@ class HMDB51DVS(BottomOriginDataset):
     def _check_fold(self, fold: int | None) -> int:
         return numbered_fold(fold, range(1, 4), 1)
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         if self.split_name == "all":
             return found
         wanted = PARTS[self.split_name]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import cached_property
 from itertools import chain
-from typing import Any, ClassVar, Self, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex, overload
 
 import numpy as np
 import torch
@@ -16,8 +16,15 @@ from torch.utils.data import Dataset
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
 from nvsdata.datasets.epochs import Epochs
+from nvsdata.datasets.facts import Sample
+from nvsdata.datasets.sample_list import labels_of, taken
 from nvsdata.datasets.seeded import seeded
+from nvsdata.datasets.sequences import window_counts
 from nvsdata.datasets.splits import Halves, held_out, held_out_last, split_hash, stratified
+
+if TYPE_CHECKING:
+    from nvsdata.datasets.sample_blocks import SampleBlocks
+    from nvsdata.datasets.source import Source
 
 Transform = Callable[[Any], Any]
 PairTransform = Callable[[Any, Any], tuple[Any, Any]]
@@ -44,8 +51,9 @@ class Samples(Dataset[tuple[Any, Any]]):
     unreadable recordings in a row raise an error in any case.
     """
 
-    samples: list[Any]
+    samples: Sequence[Any]
     classes: list[str]
+    source: Source
     transforms: PairTransform | None = None  # in place of `transform` and `target_transform`
     independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on the samples
     in_scenes: ClassVar[bool] = False  # neighboring files, in order of name, often show the same scene
@@ -72,14 +80,14 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     def _count(self) -> None:
         """Set the attributes that depend on the samples: targets, record of damage, epochs."""
-        self.targets = [sample.label for sample in self.samples]
+        self.targets = labels_of(self.samples)
         self._damage = None if self.errors == "raise" else Damage(len(self.samples))
         self._epochs = None if self.seed is None else Epochs(len(self.samples))
 
     def subset(self, indices: Iterable[int]) -> Self:
         """Return the dataset with the samples at `indices` only, in that order."""
         part = copy(self)
-        part.samples = [self.samples[index] for index in indices]
+        part.samples = taken(self.samples, indices)
         for name in list(vars(part)):
             # drop cached values, which were computed from all samples
             if isinstance(getattr(type(self), name, None), cached_property) and name not in self.independent:
@@ -179,7 +187,8 @@ class Samples(Dataset[tuple[Any, Any]]):
         """Return the paths below the root of the files that contain a sample."""
         return (sample.name,)
 
-    def _name_of(self, sample: Any) -> str:
+    @classmethod
+    def _name_of(cls, sample: Any) -> str:
         """Return a name that identifies a sample within its class, independent of the folder of its file."""
         return str(sample.stem + sample.part)
 
@@ -198,6 +207,40 @@ class Samples(Dataset[tuple[Any, Any]]):
         They are the same whether the dataset is read from its folder or from a packed store.
         """
         return split_hash((*name, label) for name, label in zip(self.names, self.targets, strict=True))
+
+    def blocks(self, size: int = 8 << 20, at_once: int = 64) -> SampleBlocks:
+        """Return the samples in blocks of neighbors in a packed store, for `SeededBatches(..., blocks=...)`.
+
+        Args:
+            size: Bytes of a block (default 8 MiB, as remote stores are read).
+            at_once: Smallest number of blocks whose samples are mixed (default 64, which are 512 MiB; a store of less
+                than twice as many has a uniform order). Fewer make the first batch come sooner from a slow server, but
+                batches less random. With more processes, use their number: then each of them reads other blocks.
+
+        Raises:
+            ValueError: The root isn't a packed store of the third layout, or a number is less than 1.
+        """
+        from nvsdata.datasets.sample_blocks import blocks_of
+
+        return blocks_of(self.source, [self._record_of(sample) for sample in self.samples], size, at_once)
+
+    def windows_per_recording(self) -> np.ndarray:
+        """Return the number of windows of each recording, int64 [recordings], for `SequenceBatches`.
+
+        A labeled part of a recording counts as a recording. The numbers follow from `samples`: neighbors are of one
+        recording if they have the same file and class, are in order of time, and overlap, touch or have the most
+        common distance. So a window that was left out of the dataset divides its recording in two.
+
+        Raises:
+            TypeError: The samples aren't windows.
+        """
+        if not all(isinstance(sample, Sample) and sample.window is not None for sample in self.samples):
+            raise TypeError("the samples aren't windows: nvsdata.windows makes a dataset of windows")
+        return window_counts(self.samples)
+
+    def _record_of(self, sample: Any) -> str:
+        """Return the name of a sample's record in a store."""
+        return self._files(sample)[0]
 
     def __len__(self) -> int:
         return len(self.samples)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import ClassVar, Self
 
 from nvsdata.datasets.base import EventDataset
@@ -117,7 +117,7 @@ class MNISTDVS(EventDataset):
     def complete(cls, root: str | os.PathLike[str]) -> Self:
         return cls(root, "all", scale=None)
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         for sample in found:
             parts = sample.stem.split("_")
             if len(parts) < 4 or not (parts[2][5:].isdigit() and parts[3].isdigit()):

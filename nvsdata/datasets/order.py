@@ -34,7 +34,7 @@ def shuffled(positions: np.ndarray, size: int, seed: int, epoch: int) -> np.ndar
         >>> sorted(shuffled(np.arange(5), 5, seed=0, epoch=0).tolist())
         [0, 1, 2, 3, 4]
     """
-    keys = _mixed(np.uint64((int(seed) * FIRST + int(epoch) * SECOND) % 2**64) + np.arange(ROUNDS, dtype=np.uint64))
+    keys = _keys(seed, epoch)
     if size <= FEW:
         hashes = _mixed(_mixed(np.arange(size, dtype=np.uint64) + keys[0]) + keys[1])
         chosen: np.ndarray = np.argsort(hashes, kind="stable")[positions]
@@ -47,6 +47,23 @@ def shuffled(positions: np.ndarray, size: int, seed: int, epoch: int) -> np.ndar
         found[left] = _permuted(found[left], high, low, keys)
         left = left[found[left] >= size]
     return found.astype(np.int64)
+
+
+def random_below(bounds: np.ndarray, seed: int, epoch: int) -> np.ndarray:
+    """Return a random number from 0 to below each bound, int64 [N], independent of `shuffled` with the same seed.
+
+    Args:
+        bounds: int64 [N], each at least 1.
+        seed: Seed of the numbers.
+        epoch: Number of the epoch; each has its own numbers.
+    """
+    keys = _keys(seed, epoch)
+    hashes = _mixed(_mixed(np.arange(bounds.size, dtype=np.uint64) + keys[2]) + keys[3])
+    return (hashes % bounds.astype(np.uint64)).astype(np.int64)
+
+
+def _keys(seed: int, epoch: int) -> np.ndarray:
+    return _mixed(np.uint64((int(seed) * FIRST + int(epoch) * SECOND) % 2**64) + np.arange(ROUNDS, dtype=np.uint64))
 
 
 def _permuted(numbers: np.ndarray, high: np.uint64, low: np.uint64, keys: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from difflib import get_close_matches
 from typing import TypeVar
 
 from nvsdata.common.registry import Registry
+from nvsdata.common.text import plain_name
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.description import plain_name
 
 Kind = TypeVar("Kind", bound=type[EventDataset])
 

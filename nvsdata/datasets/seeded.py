@@ -5,21 +5,41 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from operator import index
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset, Sampler
+from torch.utils.data import Dataset
 
 from nvsdata.common.validation import whole
 from nvsdata.datasets.order import FIRST, SECOND, STEP, shuffled
+from nvsdata.datasets.resumable import ResumableBatches
+
+if TYPE_CHECKING:
+    from nvsdata.datasets.sample_blocks import SampleBlocks
 
 Key = tuple[int, int]
 """Epoch and index of a sample: the index that `SeededBatches` yields and `SeededDataset` takes."""
 
+
+class SequenceKey(NamedTuple):
+    """The index that `SequenceBatches` yields and `SeededDataset` takes.
+
+    Attributes:
+        epoch: Epoch.
+        window: Index of the window.
+        start: Index of the first window of its sequence.
+        valid: False for padding: a window that is repeated because its sequence has ended.
+    """
+
+    epoch: int
+    window: int
+    start: int
+    valid: bool
+
+
 Remainder = Literal["pad", "drop", "keep"]
 MOST = 2**62  # samples
-AT_ONCE = 4_096  # samples whose order is computed at a time
 
 
 _seeding = False
@@ -52,6 +72,11 @@ class SeededDataset(Dataset[Any]):
     The samples then depend neither on the number of workers nor on where a run was resumed. Item (epoch, index) is
     `dataset[index]` with torch's generator seeded by (seed, epoch, index).
 
+    With the keys of `SequenceBatches`, an item is `(sample, target, first, valid)`: `first` is True for the first
+    window of a sequence, and `valid` False for padding. The generator is seeded by (seed, epoch, start of the
+    sequence), so a random flip or shift is the same in all windows of a sequence. Transforms that sample a number per
+    event should be the last ones, because the numbers after them depend on the number of events.
+
     Args:
         dataset: any dataset with a length.
         seed: seed of the run.
@@ -72,13 +97,17 @@ class SeededDataset(Dataset[Any]):
     def __len__(self) -> int:
         return len(self.dataset)
 
-    def __getitem__(self, key: Key) -> Any:
+    def __getitem__(self, key: Key | SequenceKey) -> Any:
+        if isinstance(key, SequenceKey):
+            with seeded(self.seed, key.epoch, key.start):
+                sample, target = self.dataset[key.window]
+            return sample, target, key.valid and key.window == key.start, key.valid
         epoch, index = key
         with seeded(self.seed, epoch, index):
             return self.dataset[index]
 
 
-class SeededBatches(Sampler[list[Key]]):
+class SeededBatches(ResumableBatches[Key]):
     """A `batch_sampler` of the keys (epoch, index) of several epochs, one epoch after the other.
 
     A batch depends on the arguments, its epoch and its step only, and is computed when it is needed. So a run can
@@ -93,6 +122,10 @@ class SeededBatches(Sampler[list[Key]]):
         start: Number of steps of the first epoch to leave out, because they are done (default 0).
         shuffle: True for a random order in each epoch (default False).
         seed: Seed of the random orders (default 0).
+        blocks: Blocks of neighbors in a packed store, which `dataset.blocks()` returns, for slow disks and servers: the
+            random order has the samples of at least 64 blocks at a time, and a process gets neighbors of each batch, so
+            that hardly any block is read twice (default None: no blocks). If the store is sorted by class, a process
+            has few classes in a batch: batch normalization then needs the statistics of all processes.
         part: (rank, count) of this process among `count` processes that divide each batch, in order of rank (default
             (0, 1)).
         remainder: Treatment of the samples that are left for the last batch of an epoch. "pad" (default): the batch is
@@ -122,28 +155,22 @@ class SeededBatches(Sampler[list[Key]]):
         start: int = 0,
         shuffle: bool = False,
         seed: int = 0,
+        blocks: SampleBlocks | None = None,
         part: tuple[int, int] = (0, 1),
         remainder: Remainder = "pad",
     ) -> None:
-        self.size, self.batch_size, self.first, self.last = map(index, (size, batch_size, first, last))
-        self.start, self.seed, self.rank, self.count = map(index, (start, seed, *part))
-        self.shuffle, self.remainder = shuffle, remainder
-        for name, least in (("size", 0), ("batch_size", 1), ("first", 0), ("start", 0), ("rank", 0)):
-            whole(name, getattr(self, name), least)
+        super().__init__(batch_size, first, last, start, seed, part)
+        self.size, self.shuffle, self.blocks, self.remainder = index(size), shuffle, blocks, remainder
+        whole("size", self.size, 0)
         if self.size >= MOST:
             raise ValueError(f"size must be less than {MOST}, not {size}")
         if remainder not in get_args(Remainder):
             raise ValueError(f"remainder must be one of {get_args(Remainder)}, not {remainder!r}")
-        if self.rank >= self.count:
-            raise ValueError(f"part must be (rank, count) with rank < count, not {part}")
-        if self.batch_size % self.count and remainder != "keep":
-            raise ValueError(f"{self.count} processes can't have equal parts of a batch of {self.batch_size}")
-        steps = self.size // self.batch_size if remainder == "drop" else -(-self.size // self.batch_size)
-        self._next = self.first, self.start
-        self._resumed: tuple[int, int] | None = None
-        self._latest: object = None
-        if self.start > steps:
-            raise ValueError(f"start must be at most {steps}, the steps of an epoch, not {start}")
+        if blocks is not None and (not shuffle or blocks.order.size != self.size):
+            raise ValueError(f"blocks of {blocks.order.size} samples are for shuffle=True and as many samples")
+        if remainder != "keep":
+            self._check_parts()
+        self._check_start(self.size // self.batch_size if remainder == "drop" else -(-self.size // self.batch_size))
 
     @property
     def steps(self) -> int:
@@ -154,83 +181,32 @@ class SeededBatches(Sampler[list[Key]]):
             return full * (self.batch_size > self.rank) + (left > self.rank)
         return full + (left > 0 and self.remainder == "pad")
 
-    def __len__(self) -> int:
-        epoch, step = self._begin
-        return max(self.steps * (self.last - epoch) - min(step, self.steps), 0)
-
-    @property
-    def _begin(self) -> tuple[int, int]:
-        """Epoch and step at which the next iteration begins."""
-        return self._resumed or (self.first, self.start)
-
-    def set_epoch(self, epoch: int) -> None:
-        """Iterate over this epoch only from now on, from its first step.
-
-        Lightning calls it before each epoch, and needs it because its epochs are passes over the loader.
-        """
-        whole("epoch", epoch, 0)
-        self.first, self.last, self.start, self._resumed = epoch, epoch + 1, 0, None
-
-    @property
-    def sampler(self) -> SeededBatches:
-        """Itself: Lightning calls `set_epoch` of a batch sampler's sampler."""
-        return self
-
-    def state_dict(self) -> dict[str, int]:
-        """Return epoch and step of the next batch of the latest iteration.
-
-        torchdata's `StatefulDataLoader` calls it.
-        """
-        epoch, step = self._next
-        return {"epoch": epoch, "step": step}
-
-    def load_state_dict(self, state: dict[str, int]) -> None:
-        """Begin the next iteration at the batch of a state. It reaches to the end of that epoch, or to `last`.
-
-        Raises:
-            ValueError: An epoch has fewer steps.
-        """
-        epoch, step = state["epoch"], state["step"]
-        if not 0 <= step <= self.steps:
-            raise ValueError(f"the state is of step {step}, and an epoch has {self.steps}: of another batch size?")
-        self._resumed = self._next = epoch, step
-        self.last = max(self.last, epoch + 1)
-
-    def __iter__(self) -> Iterator[list[Key]]:
-        # not a generator: `set_epoch` must not move an iteration that has begun
-        self._next, self._resumed, self._latest = self._begin, None, object()
-        return self._iterated(*self._next, self.last, self._latest)
-
-    def _iterated(self, first: int, start: int, last: int, iteration: object) -> Iterator[list[Key]]:
-        # the order of several steps is computed at a time, because each call takes 0.3 ms
-        several = max(AT_ONCE // self.batch_size, 1)
-        for epoch in range(first, last):
-            for begin in range(start if epoch == first else 0, self.steps, several):
-                steps = range(begin, min(begin + several, self.steps))
-                for step, batch in zip(steps, self._batches(epoch, steps), strict=True):
-                    if iteration is self._latest:
-                        self._next = epoch, step + 1
-                    yield batch
-
-    def batch(self, epoch: int, step: int) -> list[Key]:
-        """Return this process's keys of a step. IndexError if an epoch has no such step."""
-        if not 0 <= step < self.steps:
-            raise IndexError(f"step {step} of an epoch of {self.steps} steps")
-        return self._batches(index(epoch), range(step, step + 1))[0]
-
     def _batches(self, epoch: int, steps: range) -> list[list[Key]]:
         """Return this process's keys of several steps."""
-        positions = [self._positions(step) for step in steps]
-        order = np.concatenate(positions)
-        if self.shuffle:
+        batches = [self._positions(step) for step in steps]
+        if self.blocks is None:
+            batches = list(map(self._own, batches))
+        order, ends = np.concatenate(batches), np.cumsum([batch.size for batch in batches])[:-1]
+        places = None
+        if self.blocks is not None:
+            order, places = self.blocks.shuffled(order, self.seed, epoch)
+        elif self.shuffle:
             order = shuffled(order, self.size, self.seed, epoch)
-        ends = np.cumsum([own.size for own in positions])[:-1]
-        return [[(epoch, at) for at in own.tolist()] for own in np.split(order, ends)]
+        chosen = np.split(order, ends)
+        if places is not None:
+            # by the epoch's order of blocks: by that of the store, a process would have the same classes in each epoch
+            near = (np.argsort(batch, kind="stable") for batch in np.split(places, ends))
+            chosen = [self._own(batch[by]) for batch, by in zip(chosen, near, strict=True)]
+        return [[(epoch, at) for at in own.tolist()] for own in chosen]
 
     def _positions(self, step: int) -> np.ndarray:
-        """Return the positions of this process's samples in an epoch."""
+        """Return the positions of a step's samples in an epoch."""
         begin = step * self.batch_size
         positions = np.arange(begin, min(begin + self.batch_size, self.size))
         if self.remainder == "pad":
             positions = np.append(positions, np.arange(-positions.size % self.count) % self.size)
-        return np.array_split(positions, self.count)[self.rank]
+        return positions
+
+    def _own(self, batch: np.ndarray) -> np.ndarray:
+        """Return this process's part of a batch."""
+        return np.array_split(batch, self.count)[self.rank]

@@ -7,9 +7,11 @@ import json
 import os
 import random
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
+
+import numpy as np
 
 from nvsdata import formats
 from nvsdata.common.files import atomic, crc32, read_own, sweep
@@ -42,15 +44,36 @@ def recordings_in(listing: Listing) -> Iterator[str]:
         yield from [prefix + name for name in names if name.endswith(known) or name.lower().endswith(known)]
 
 
+class Recordings(Protocol):
+    """Recordings of a source, by number. Pickling them for another process is cheap."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Their paths below the root."""
+
+    @property
+    def folders(self) -> Sequence[str]:
+        """The folders that contain recordings."""
+
+    @property
+    def folder(self) -> np.ndarray:
+        """The number of each recording's folder, unsigned integers [N]."""
+
+    def sort(self, numbers: np.ndarray, *, by_file: bool) -> None:
+        """Sort numbers of recordings, uint32, in place: by file name, then by folder; otherwise by path."""
+
+
 class Source(Protocol):
     """A source of files: a folder or a packed store. Names are paths relative to the root, with slashes."""
 
-    root: Path
     split: str  # split to which the recordings belong
     left_out: dict[str, str]  # recordings that are listed but not available, name to reason
 
     def listing(self) -> Listing:
         """Return all folders, including those without files, and their files, except hidden ones."""
+
+    def recordings(self) -> Recordings | None:
+        """Return the recordings, without listing files; None if they must be listed."""
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
         """Return a recording; unless `strict`, a partly damaged one is read without the damaged part."""
@@ -170,6 +193,9 @@ class Folder:
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:
             pass  # a folder that can't be written to is listed again each time
+
+    def recordings(self) -> None:
+        """Return None: files must be listed."""
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
         """Return the recording called `name`, opened but not decoded."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import ClassVar
 
@@ -88,6 +88,7 @@ class UCF101DVS(_UCF):
         sensor_size=(240, 180),
         classes=tuple(UCF101_CLASSES),
         page="https://github.com/PIX2NVS/NVS_FeatureLearning",
+        reported_size="28 GB (reported)",
         license="not stated",
         archives=(Archive("UCF101-DVS.zip", "", (google_drive("1icJFUNJZEofOke-9bizfD-m4643G1ycg"),), "UCF101_DVS"),),
         recordings=13_523,
@@ -99,7 +100,7 @@ class UCF101DVS(_UCF):
     def _check_fold(self, fold: int | None) -> int:
         return numbered_fold(fold, range(1, 4), 1)
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         if self.split_name == "all":
             return found
         stems = self._stems_in(f"{self.split_name}list0{self.fold}.txt")
@@ -167,7 +168,7 @@ class UCF50DVS(_UCF):
     def _check_fold(self, fold: int | None) -> int:
         return numbered_fold(fold, range(1, 26), 1)
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         return self._held_out(found, lambda sample: group_of(sample) == self.fold)
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from nvsdata.batch.manifest import NAME, recording_fault
+from nvsdata.batch.scheduler import in_order, in_shard
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
@@ -20,13 +23,41 @@ from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.opening import open_store
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
+from nvsdata.remote.url import Url
 
 SHOWN = 3  # names in a message
+Item = TypeVar("Item")
 KINDS = {"nvsdata-videos", "nvsdata-recordings"}  # first keys of the manifests of `convert-videos` and `record`
 
 
+@dataclass(frozen=True)
+class _Readers:
+    """Who reads the recordings, and which of them; see `problems`."""
+
+    jobs: int
+    scheduler: str | None
+    shard: tuple[int, int] | None
+
+    @property
+    def first(self) -> bool:
+        """True if faults of the whole are reported, which one shard does."""
+        return self.shard is None or self.shard[0] == 1
+
+    def each(self, check: Callable[[Item], Any], items: Sequence[Item], what: str) -> Iterator[tuple[Item, Any]]:
+        """Yield the items of the shard with the results of `check`, in order, and show the progress."""
+        mine = in_shard(items, self.shard)
+        with closing(in_order(check, mine, self.jobs, self.scheduler)) as results:
+            yield from zip(mine, bar(results, what, total=len(mine), unit="rec"), strict=True)
+
+
 def problems(
-    root: Path, dataset: type[EventDataset] | None = None, counts: Counter[str] | None = None
+    root: Path | Url,
+    dataset: type[EventDataset] | None = None,
+    counts: Counter[str] | None = None,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    shard: tuple[int, int] | None = None,
 ) -> Iterator[tuple[str, str]]:
     """Yield name and fault of every damaged or missing recording below `root`, or in a packed store.
 
@@ -39,50 +70,66 @@ def problems(
     names if known, and the lists of splits next to them.
 
     Args:
-        root: a folder or a packed store.
+        root: a folder, or path or URL of a packed store.
         dataset: class of the dataset, which finds the recordings and knows their sensor (default: the class that a
             store names; for a folder, recordings of any dataset are read).
-        counts: gets the numbers of recordings that were "opened", and "compared" with a manifest.
+        counts: gets the numbers of recordings that were "opened", "compared" with a manifest, and "guessed": their
+            sensor size isn't stated, so that events outside the sensor aren't found.
+        jobs: number of processes that read.
+        scheduler: address of a Dask cluster that reads in place of local processes; it must have the same paths.
+        shard: (i, n), with i from 1 to n: read every n-th recording from the i-th on. Missing recordings and other
+            faults of the whole are reported by the first shard.
 
     Raises:
         FileNotFoundError: `root` doesn't exist, or has no recordings.
         FormatError: `root` is a file, but not a store.
     """
     counts = Counter() if counts is None else counts
-    if not root.exists():
-        raise FileNotFoundError(f"{root}: no such folder or store")
-    yield from _by_manifests(root, counts)
+    readers = _Readers(jobs, scheduler, shard)
+    given = root.address if isinstance(root, Url) else root
+    if isinstance(root, Path):
+        if not root.exists():
+            raise FileNotFoundError(f"{root}: no such folder or store")
+        yield from _by_manifests(root, counts, readers)
     if dataset is not None:
-        found = dataset.complete(root)
-    elif root.is_file() and (store := open_store(root)).dataset in DATASETS:
+        found = dataset.complete(given)
+    elif isinstance(root, Path) and not root.is_file():
+        yield from _of_files(Folder(root), root, counts, readers)
+        return
+    elif _is_dataset(store := open_store(root)):
         kind = DATASETS[store.dataset]
-        found = kind.complete(root) if store.split == "all" else kind(root, store.split, fold=store.fold or None)
+        found = kind.complete(given) if store.split == "all" else kind(given, store.split, fold=store.fold or None)
     else:
-        yield from _of_files(open_store(root) if root.is_file() else Folder(root), root, counts)
+        yield from _of_files(store, Path(store.path), counts, readers)
         return
     left_out = found.source.left_out
-    yield from ((name, f"left out when it was packed: {reason}") for name, reason in left_out.items())
-    yield from ((name, "empty") for name in found.skipped if name not in left_out)
+    if readers.first:
+        yield from ((name, "empty") for name in found.skipped if name not in left_out)
     names = [name for name in found.recording_names() if name not in left_out]
-    yield from _each(found.source, names, found.opened_with, counts)
-    if found.split_name == "all":
+    yield from _each(found.source, names, found.opened_with, counts, readers)
+    if found.split_name == "all" and readers.first:
         yield from _missing_in(found)
 
 
-def split_hashes(root: Path, dataset: type[EventDataset] | None = None) -> dict[str, str]:
+def _is_dataset(store: Store) -> bool:
+    """Return whether a store has the recordings of a known dataset."""
+    return store.dataset in DATASETS and store.shard is None and store.precomputed is None
+
+
+def split_hashes(root: Path | Url, dataset: type[EventDataset] | None = None) -> dict[str, str]:
     """Return the hash of each split that `root` has, by name; empty for an unknown dataset."""
     kind, found = dataset, dict[str, str]()
-    if kind is None and root.is_file() and (name := open_store(root).dataset) in DATASETS:
+    if kind is None and (isinstance(root, Url) or root.is_file()) and (name := open_store(root).dataset) in DATASETS:
         kind = DATASETS[name]
     if kind is None:
         return found
     for split in kind.splits:
         with suppress(OSError, ValueError):
-            found[split] = kind(root, split).split_hash
+            found[split] = kind(root.address if isinstance(root, Url) else root, split).split_hash
     return found
 
 
-def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
+def _by_manifests(root: Path, counts: Counter[str], readers: _Readers) -> Iterator[tuple[str, str]]:
     """Yield the differences between recordings and the manifests of their folders."""
     # the manifest of a shard is newer than that of the folder
     paths = sorted(root.rglob("manifest*.jsonl"), key=lambda path: (path.name != NAME, path)) if root.is_dir() else ()
@@ -98,36 +145,47 @@ def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]
     known = set[Path]()
     for folder, journals in by_folder.items():
         try:
-            yield from _by_manifest(root, folder, journals, known, counts)
+            yield from _by_manifest(root, folder, journals, known, counts, readers)
         except (TypeError, ValueError, AttributeError, KeyError, OSError) as error:
             yield journals[0].path.relative_to(root).as_posix(), f"isn't a manifest, or damaged: {line_of(error)}"
-    for name in _recordings(Folder(root), root) if by_folder else ():
+    for name in _recordings(Folder(root), root) if by_folder and readers.first else ():
         # `known` has the recordings of all manifests, including those of subfolders
         if root / name not in known and not by_folder.keys().isdisjoint((root / name).parents):
             yield name, "is in no manifest of its folder"
 
 
 def _by_manifest(
-    root: Path, folder: Path, journals: list[Journal], known: set[Path], counts: Counter[str]
+    root: Path, folder: Path, journals: list[Journal], known: set[Path], counts: Counter[str], readers: _Readers
 ) -> Iterator[tuple[str, str]]:
     """Yield the differences between a folder and its manifests; add its recordings to `known`."""
     lines = {str(line["video"]): line for journal in journals for line in journal.lines}
-    for name in {str(name): None for journal in journals for name in journal.head.get("videos", [])}:
-        if name not in lines:
-            yield name, "has no recording: the run ended before it was reached"
-    for name, line in bar(lines.items(), "comparing", unit="rec"):
+    faults = [
+        (name, "has no recording: the run ended before it was reached")
+        for name in {str(name): None for journal in journals for name in journal.head.get("videos", [])}
+        if name not in lines
+    ]
+    stated = []
+    for name, line in lines.items():
         if "reason" in line:
-            yield name, f"{line.get('status')}: {line['reason']}"
+            faults.append((name, f"{line.get('status')}: {line['reason']}"))
         if "file" not in line or "recording" not in line:
             continue
         path = Path(os.path.abspath(folder / line["file"]))
         if not path.is_relative_to(os.path.abspath(folder)):
-            yield name, f"its manifest names a recording outside the folder: {line['file']!r}"
+            faults.append((name, f"its manifest names a recording outside the folder: {line['file']!r}"))
             continue
         known.add(folder / line["file"])
+        stated.append((path, line))
+    yield from faults if readers.first else ()
+    for (_, line), fault in readers.each(_compared, stated, "comparing"):
         counts["compared"] += 1
-        if fault := recording_fault(path, line, check=True):
+        if fault:
             yield (folder / line["file"]).relative_to(root).as_posix(), fault
+
+
+def _compared(stated: tuple[Path, dict[str, Any]]) -> str:
+    """Describe how a recording differs from its line of the manifest; empty if it doesn't."""
+    return recording_fault(*stated, check=True)
 
 
 def _recordings(source: Source, root: Path) -> list[str]:
@@ -137,24 +195,29 @@ def _recordings(source: Source, root: Path) -> list[str]:
     return [name for name in found if not (name.lower().endswith(texts) and _is_list(root / name))]
 
 
-def _of_files(source: Source, root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
+def _of_files(source: Source, root: Path, counts: Counter[str], readers: _Readers) -> Iterator[tuple[str, str]]:
     """Yield the faults of all recordings of a source."""
     names = source.names if isinstance(source, Store) else _recordings(source, root)
     if not names:
         raise FileNotFoundError(f"no recordings below {root}")
-    yield from _each(source, names, None, counts)
+    yield from _each(source, names, None, counts, readers)
 
 
 def _each(
-    source: Source, names: list[str], size: tuple[int, int] | None, counts: Counter[str]
+    source: Source, names: Sequence[str], size: tuple[int, int] | None, counts: Counter[str], readers: _Readers
 ) -> Iterator[tuple[str, str]]:
-    for name in bar(names, "verifying", unit="rec"):
+    """Yield what a store left out, and the faults of recordings and of lost shards."""
+    if readers.first:
+        yield from ((name, f"left out when it was packed: {reason}") for name, reason in source.left_out.items())
+    for shard, (reason, lost) in (source.lost() if isinstance(source, Store) else {}).items():
+        if readers.first:
+            yield shard, f"{reason} ({len(lost):,} recordings)"
+        names = [name for name in names if name not in lost]
+    for name, (faults, guessed) in readers.each(partial(_faults, source, size), names, "verifying"):
         counts["opened"] += 1
-        if isinstance(source, Store) and (fault := source.fault(name)):
-            yield name, fault
-            continue
-        for fault in _faults(source, name, size):
-            yield name, fault
+        if guessed:
+            counts["guessed"] += 1
+        yield from ((name, fault) for fault in faults)
 
 
 def _is_list(path: Path) -> bool:
@@ -163,16 +226,19 @@ def _is_list(path: Path) -> bool:
         return not looks_like(file.read(4096), 0)
 
 
-def _faults(source: Source, name: str, size: tuple[int, int] | None) -> Iterator[str]:
+def _faults(source: Source, size: tuple[int, int] | None, name: str) -> tuple[list[str], bool]:
+    """Return the faults of a recording, and whether its sensor size is guessed."""
+    if isinstance(source, Store) and (fault := source.fault(name)):
+        return [fault], False
+    if isinstance(source, Store) and source.precomputed is not None:
+        return [], False
     try:
         recording = source.open(name, size, strict=False)
         events = recording.read()
     except (OSError, ValueError) as error:
-        yield str(error)
-        return
-    yield from (f"{count} {what}" for what, count in recording.repairs.items())
-    if not len(events):
-        yield "empty"
+        return [str(error)], False
+    repairs = [f"{count} {what}" for what, count in recording.repairs.items()]
+    return repairs if len(events) else [*repairs, "empty"], recording.size_is_guessed
 
 
 def _missing_in(dataset: EventDataset) -> Iterator[tuple[str, str]]:

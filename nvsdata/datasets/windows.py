@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import random
 from collections.abc import Iterator
 from contextlib import suppress
@@ -63,8 +64,11 @@ def windows(dataset: Data, duration: int | None = None, *, events: int | None = 
     """
     size = _checked(duration, events, step)
     step = size if step is None else int(step)
-    if not all(isinstance(sample, Sample) and sample.events is None for sample in dataset.samples):
-        raise TypeError("windows are made from recordings, not from pairs of them or from other windows")
+    single = (isinstance(sample, Sample) and sample.events is None for sample in dataset.samples)
+    if not isinstance(dataset, EventDataset) or not all(single):
+        raise TypeError(
+            "windows are made from recordings, not from pairs of them, other windows or precomputed samples"
+        )
     index = _Index(dataset, None if events is None else step)
     cut = _in_events if events is not None else _in_time
     part = dataset.subset(())
@@ -114,7 +118,9 @@ class _Index:
         self.dataset, self.step, self.changed = dataset, step, False
         kind = "time" if step is None else f"{step}-events"
         view = hashlib.sha256(repr((type(dataset).__name__, dataset.errors == "repair")).encode()).hexdigest()[:8]
-        self.path = Path(dataset.root) / INDEX.format(f"{kind}-{view}")
+        # next to a store, and of a remote one, nothing is written
+        folder = dataset.root if isinstance(dataset.root, Path) else Path(os.devnull)
+        self.path = folder / INDEX.format(f"{kind}-{view}")
         self.known: dict[str, Any] = self._read()
 
     def places(self, sample: Sample) -> Places:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 from nvsdata.datasets.facts import ExpectedCount, Info, Sample
@@ -76,10 +76,10 @@ class YUPENNDVS(BottomOriginDataset):
             raise ValueError(f"fold, the index of the recording for testing, must be at least 0, not {fold}")
         return fold or 0
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: Sequence[Sample]) -> Iterable[Sample]:
         if self.split_name in ("all", self.source.split) or not found:
             return found
         if self.fold >= len(found):
             raise ValueError(f"fold must be below the number of recordings, {len(found)}, not {self.fold}")
         left_out = found[self.fold]
-        return self._held_out(found, lambda sample: sample is left_out)
+        return self._held_out(found, lambda sample: sample == left_out)

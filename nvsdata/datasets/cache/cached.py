@@ -8,7 +8,7 @@ import re
 import time
 import types
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cached_property, partial
@@ -26,13 +26,12 @@ from nvsdata.common.errors import shown
 from nvsdata.common.files import atomic, put, remove_link, sealed, sweep, unsealed
 from nvsdata.data.recording import as_events
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.cache.encoding import decode_sample, encode_sample
+from nvsdata.datasets.cache.encoding import MOST, TooLarge, decode_sample, encode_sample
 from nvsdata.datasets.source import CACHE_TAG
-from nvsdata.transforms.compose import Compose
+from nvsdata.transforms.compose import head_and_tail
 
 TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"
 SHARD = 1000  # samples per folder
-MOST = 1 << 30  # bytes of a sample; larger samples aren't cached
 # attributes of a dataset that don't change the samples in the cache
 IGNORED = (
     "transform",
@@ -106,12 +105,11 @@ class Cached(Dataset[tuple[Any, Any]]):
     def __init__(self, dataset: EventDataset, path: Path) -> None:
         if dataset.transforms is not None:
             raise ValueError("a cache keeps what `transform` returns, and this dataset has `transforms`")
-        steps = _steps(dataset.transform)
-        cut = next((i for i, step in enumerate(steps) if not getattr(step, "deterministic", False)), len(steps))
-        if steps and not cut:
-            raise ValueError(f"nothing to keep: the pipeline begins with {steps[0]!r}, which isn't deterministic")
-        self.dataset, self.head, self.tail = dataset, Compose(steps[:cut]), Compose(steps[cut:])
-        key = "\n".join((__version__, *_identity(dataset), *map(settings_key, steps[:cut])))
+        self.dataset, (self.head, self.tail) = dataset, head_and_tail(dataset.transform)
+        if self.tail.transforms and not self.head.transforms:
+            first = self.tail.transforms[0]
+            raise ValueError(f"nothing to keep: the pipeline begins with {first!r}, which isn't deterministic")
+        key = "\n".join((__version__, *_identity(dataset), *map(settings_key, self.head.transforms)))
         self.folder = path / hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()[:16]
         self._full = False
         if self.folder.is_dir():
@@ -182,20 +180,11 @@ class Cached(Dataset[tuple[Any, Any]]):
         return f"{self.dataset!r}\n    cached: {self.head!r} in {shown(self.folder)}"
 
 
-def _steps(transform: Callable[[Any], Any] | None) -> list[Callable[[Any], Any]]:
-    """Return the transforms in order, with every nested Compose flattened."""
-    if transform is None:
-        return []
-    # a subclass of Compose may call its transforms differently
-    if type(transform) is not Compose:
-        return [transform]
-    return [step for part in transform.transforms for step in _steps(part)]
-
-
 def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
-    content = encode_sample([stamps, parts])
-    if len(content) > MOST:
-        return
+    try:
+        content = encode_sample([stamps, parts])
+    except TooLarge:
+        return  # the sample is made again each time
     for folder in (file.parent.parent, file.parent):
         remove_link(folder)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -219,17 +208,21 @@ def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
 
 def _identity(dataset: EventDataset) -> Sequence[str]:
     """Return strings that distinguish datasets: class, options and a hash of the samples."""
-    options = {
-        name: settings_key(value)
+    digest = hashlib.sha256()
+    for sample in dataset.samples:
+        digest.update(repr(sample).encode("utf-8", "surrogatepass"))
+    return type(dataset).__module__, type(dataset).__qualname__, repr(options_of(dataset)), digest.hexdigest()
+
+
+def options_of(dataset: EventDataset) -> list[tuple[str, str]]:
+    """Return the options of a dataset on which its samples depend, and its root: sorted names, and keys of values."""
+    return sorted(
+        (name, settings_key(value))
         for name, value in vars(dataset).items()
         if name not in (*IGNORED, *DERIVED)
         # and not a cached value, which isn't an option
         and not isinstance(getattr(type(dataset), name, None), cached_property)
-    }
-    digest = hashlib.sha256()
-    for sample in dataset.samples:
-        digest.update(repr(sample).encode("utf-8", "surrogatepass"))
-    return type(dataset).__module__, type(dataset).__qualname__, repr(sorted(options.items())), digest.hexdigest()
+    )
 
 
 def settings_key(thing: Any) -> str:

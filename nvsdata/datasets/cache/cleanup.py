@@ -17,16 +17,21 @@ from nvsdata.datasets.source import CACHE_TAG, INDEX
 from nvsdata.datasets.store.part import DATA, JOURNAL
 from nvsdata.datasets.store.second import COLUMNS as SECOND
 from nvsdata.formats.index_cache import SUFFIX
+from nvsdata.remote.blocks import FILES as BLOCKS
+from nvsdata.remote.blocks import TAG as BLOCKS_TAG
 
 # path of a sample in a cache: key, shard and number, as `Cached` names them; or its temporary file of a killed process
 SAMPLE = re.compile(r"[0-9a-f]{16}/\d+/(\d+\.pt|\.\d+\.pt\..*\.part)")
+TAGS = {"samples": TAG, "blocks": BLOCKS_TAG}
+FILES = {"samples": SAMPLE, "blocks": BLOCKS}
 
 
 class Kept(NamedTuple):
     """Files of one kind that nvsdata keeps in one place.
 
     Attributes:
-        kind: "samples", "index", "leftover" or "unfinished" (a store or a download, which the same command resumes).
+        kind: "samples", "blocks" (of remote files), "index", "leftover" or "unfinished" (a store or a download, which
+            the same command resumes).
         path: the folder that contains the files, or the only file.
         files: paths of all files.
         bytes: size of all files together.
@@ -39,7 +44,7 @@ class Kept(NamedTuple):
 
 
 def kept_below(folder: Path) -> Iterator[Kept]:
-    """Yield caches of samples, indexes of recordings, datasets and windows, and remains of killed processes.
+    """Yield caches of samples and blocks, indexes of recordings, datasets and windows, and remains of killed processes.
 
     Files that a running process writes are left out. FileNotFoundError if there is no such folder.
     """
@@ -47,11 +52,11 @@ def kept_below(folder: Path) -> Iterator[Kept]:
         raise FileNotFoundError(f"{folder}: no such folder")
     for place, folders, names in os.walk(folder):
         here = Path(place)
-        if CACHE_TAG in names and _is_ours(here / CACHE_TAG):
+        if CACHE_TAG in names and (kind := _kind_of(here / CACHE_TAG)) is not None:
             # other files in the folder are a user's and stay
-            samples = [path for path in here.rglob("*") if SAMPLE.fullmatch(path.relative_to(here).as_posix())]
+            ours = [path for path in here.rglob("*") if FILES[kind].fullmatch(path.relative_to(here).as_posix())]
             # the tag is removed last: without it, the rest of an interrupted clearing couldn't be found
-            yield _kept("samples", here, [*samples, here / CACHE_TAG])
+            yield _kept(kind, here, [*ours, here / CACHE_TAG])
             folders.clear()
             continue
         for name in sorted(names):
@@ -109,7 +114,7 @@ def _remove(kept: Kept) -> None:
             remove_dead_lock(path)
         else:
             path.unlink(missing_ok=True)
-    if kept.kind in ("samples", "unfinished"):
+    if kept.kind in ("samples", "blocks", "unfinished"):
         within = {folder for path in kept.files for folder in path.parents if kept.path in folder.parents}
         for folder in (*sorted(within, key=lambda folder: -len(folder.parts)), kept.path):
             # a folder stays if a process uses the cache, or a user has put something there
@@ -117,10 +122,12 @@ def _remove(kept: Kept) -> None:
                 folder.rmdir()
 
 
-def _is_ours(tag: Path) -> bool:
+def _kind_of(tag: Path) -> str | None:
+    """Return the kind of the cache that a file marks; None if it isn't one of nvsdata's."""
     with suppress(OSError):
-        return read_own(tag, len(TAG)) == TAG
-    return False
+        found = read_own(tag, max(map(len, TAGS.values())))
+        return next((kind for kind, content in TAGS.items() if content == found), None)
+    return None
 
 
 def _kept(kind: str, path: Path, files: list[Path]) -> Kept:

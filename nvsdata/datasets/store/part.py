@@ -1,8 +1,9 @@
-"""The unfinished store: progress of a packing run, from which the next run continues."""
+"""The unfinished store: progress of a run, from which the next run continues."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -11,26 +12,23 @@ import numpy as np
 
 from nvsdata.common.files import MOST_LINES, append_own, json_line, parsed_line, read_own, remove_link, write_all
 from nvsdata.data.events import EVER
-from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.store.index import ALIGNED, BEGIN, VERSION
-from nvsdata.datasets.store.record import HEAD, events_of, head_of
 from nvsdata.formats.ondisk import read_into
-from nvsdata.kernels.decode.blocks import blocks_between
 
 JOURNAL, DATA = "journal.jsonl", "data"
 
 
 @dataclass(frozen=True)
 class JournalLine:
-    """Line of the journal about a packed recording.
+    """Line of the journal about a record.
 
     Attributes:
-        name: the recording.
-        events: number of its events.
-        length: bytes of its record.
-        check: checksum of the record's head and table of blocks.
-        bytes: size of the packed file.
-        stamp: stamp of the packed file.
+        name: its recording, or its sample.
+        events: number of its events; 0 for a sample.
+        length: bytes of the record.
+        check: checksum of the record's head and table of blocks, or of the sample.
+        bytes: size of the file of which it was made.
+        stamp: stamp of this file.
     """
 
     name: str
@@ -42,36 +40,39 @@ class JournalLine:
 
 
 class Part:
-    """A folder with the records of a store and a journal with a line per recording. To be used in a `with` block.
+    """A folder with the records of a store and a journal with a line per record. To be used in a `with` block.
 
-    The first line of the journal identifies the dataset. The recordings of an earlier run are reused up to the first
-    recording that has changed, is missing, or whose record on the disk is damaged.
+    The first line of the journal identifies the run. The records of an earlier run are reused up to the first one whose
+    file has changed or is missing, or that is damaged on the disk.
 
     Args:
         folder: the folder, made if needed.
-        dataset: the dataset that is packed.
-        names: names of its recordings.
-        compress: whether records are compressed.
+        run: what the records depend on, for the first line.
+        names: names of the records.
+        skipped: names that aren't among `names` and have no record, name to reason.
+        stamp: function that returns the stamp of a record's file.
+        intact: function that returns whether the bytes of a record are those of its line.
 
     Attributes:
-        facts: the packed recordings.
-        skipped: recordings that weren't packed, name to reason.
+        facts: the records.
+        skipped: names without a record, name to reason.
         end: number of bytes of the store so far.
     """
 
-    def __init__(self, folder: Path, dataset: EventDataset, names: list[str], *, compress: bool) -> None:
-        self.folder, self._source = folder, dataset.source
+    def __init__(
+        self,
+        folder: Path,
+        run: dict[str, Any],
+        names: Sequence[str],
+        skipped: dict[str, str],
+        stamp: Callable[[str], Sequence[int]],
+        intact: Callable[[np.ndarray, JournalLine], bool],
+    ) -> None:
+        self.folder, self._stamp, self._intact = folder, stamp, intact
         self.facts: list[JournalLine] = []
         self.end = BEGIN
-        reasons = dataset.source.left_out
-        self.skipped = {name: reasons.get(name, "empty") for name in dataset.skipped}
-        self._head = {
-            "version": VERSION,
-            "dataset": dataset.info.name,
-            "root": str(dataset.root.resolve()),
-            "opened_with": list(dataset.opened_with or ()),
-            "compress": compress,
-        }
+        self.skipped = dict(skipped)
+        self._head = {"version": VERSION, **run}
         remove_link(folder)
         folder.mkdir(parents=True, exist_ok=True)
         append_own(self.data).close()
@@ -84,7 +85,7 @@ class Part:
 
     @property
     def done(self) -> set[str]:
-        """Names of the recordings that are packed or left out."""
+        """Names that have a record or are left out."""
         return {facts.name for facts in self.facts} | set(self.skipped)
 
     def _resume(self, names: set[str]) -> None:
@@ -101,7 +102,7 @@ class Part:
                     if given is None or not self._is_valid(given, names, file.fileno()):
                         break
                     valid += len(line)
-                    # recordings left out are tried again, because they may have been repaired
+                    # what was left out is tried again, because its file may have been repaired
                     if "skipped" not in given:
                         self._note(JournalLine(**given))
                         names.remove(given["name"])
@@ -114,7 +115,7 @@ class Part:
             file.truncate(self.end)
 
     def _is_valid(self, given: dict[str, Any], names: set[str], handle: int) -> bool:
-        """Return whether a line of the journal is of an unchanged recording whose record is on the disk."""
+        """Return whether a line of the journal is of an unchanged file whose record is on the disk."""
         if not isinstance(given.get("name"), str) or given["name"] not in names:
             return False
         if "skipped" in given:
@@ -124,24 +125,18 @@ class Part:
             numbers = [facts.events, facts.length, facts.check, facts.bytes, *facts.stamp]
             if not all(type(number) is int and EVER[0] <= number <= EVER[1] for number in numbers):
                 return False
-            return list(self._source.stamp(facts.name)) == facts.stamp and self._is_intact(facts, handle)
+            return list(self._stamp(facts.name)) == facts.stamp and self._is_intact(facts, handle)
         except (OSError, TypeError, ValueError, KeyError):
             return False
 
     def _is_intact(self, facts: JournalLine, handle: int) -> bool:
         """Return whether the next record on the disk is that of a line, and intact."""
         room = os.fstat(handle).st_size - self.end
-        if not HEAD.size <= facts.length <= room or facts.length % ALIGNED or facts.bytes < 0:
+        if not 0 < facts.length <= room or facts.length % ALIGNED or facts.bytes < 0:
             return False
         raw = np.empty(facts.length, np.uint8)
-        try:
-            read_into(handle, str(self.data), self.end, raw)
-            head = head_of(raw, facts.length)
-            first, last, begin, end, most = blocks_between(head.table, head.span[0], *EVER)
-            t = events_of(head, first, last, raw[head.bytes :][begin:end], *EVER, most).t
-        except ValueError:  # also a FormatError, or a BlockError
-            return False
-        return head.check == facts.check and t.size == facts.events and (int(t[0]), int(t[-1])) == head.span
+        read_into(handle, str(self.data), self.end, raw)
+        return self._intact(raw, facts)
 
     def _note(self, facts: JournalLine) -> None:
         self.facts.append(facts)
@@ -157,11 +152,11 @@ class Part:
         self._journal.close()
 
     def add(self, name: str, result: tuple[JournalLine, bytes] | str) -> None:
-        """Append a recording: first its record, then the journal line that makes it valid.
+        """Append a record, then the journal line that makes it valid.
 
         Args:
-            name: the recording.
-            result: its facts and record, or the reason why it is left out.
+            name: its name.
+            result: its line and bytes, or the reason why it is left out.
         """
         if isinstance(result, str):
             self.skipped[name] = result

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.datasets.store.index import ALIGNED
 from nvsdata.kernels.decode.blocks import DAMAGES, FAULTS, crc32c, record_head, unpack_blocks
@@ -202,7 +201,6 @@ class BlockError(ValueError):
         self.block = block
         super().__init__(reason)
 
-    def in_file(self, path: str, head: Head, place: int) -> FormatError:
-        """Return the error with the place of the block in the store."""
-        offset = place + head.bytes + int(head.blocks["bytes"][: self.block].sum())
-        return FormatError(path, f"{self}: the store is damaged, pack the recording again", offset=offset)
+    def at(self, head: Head) -> int:
+        """Return the first byte of the block, counted from the beginning of the record with this head."""
+        return head.bytes + int(head.blocks["bytes"][: self.block].sum())

@@ -12,7 +12,9 @@ from nvsdata.common.errors import FormatError, shown
 from nvsdata.common.files import crc32
 from nvsdata.common.memory import SharedArray
 from nvsdata.data.events import LATEST, MAX_COORDINATE, Columns
+from nvsdata.datasets.store.file import LocalFile
 from nvsdata.datasets.store.index import unpack_texts
+from nvsdata.datasets.store.names import Names
 from nvsdata.datasets.store.reader import Store
 from nvsdata.datasets.store.record import NAME, NO_BYTES, UNSTATED, Head
 from nvsdata.formats.contents import Allowance
@@ -26,7 +28,6 @@ from nvsdata.formats.hdf5.file import (
     text_of,
 )
 from nvsdata.formats.hdf5.layouts import STORE
-from nvsdata.formats.ondisk import read_into
 from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.kernels.decode.store import marked_range, stored_window
 
@@ -98,13 +99,13 @@ class SecondStore(Store):
         self._time = [(None, None) if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
         self._shapes, self._sizes, self._crc = index["size"], index["bytes"], index["crc"]
         try:
-            kinds = ("name", "format", "folder", "file_name", "left_out", "reason")
+            self.names = Names(index["name"])
+            kinds = ("format", "folder", "file_name", "left_out", "reason")
             texts = {name: unpack_texts(index[name].tobytes()) for name in kinds}
             self.left_out = dict(zip(texts["left_out"], texts["reason"], strict=True))
         except ValueError as error:
             raise FormatError(path, f"its index has no valid names: {error}") from None
-        self.names, self._formats, self._folders = texts["name"], texts["format"], texts["folder"]
-        self._number = {name: i for i, name in enumerate(self.names)}
+        self._formats, self._folders = texts["format"], texts["folder"]
         self._files = {name: i for i, name in enumerate(texts["file_name"])}
         self._file_end, self._file_data = index["file_offset"][1:], index["file_data"].tobytes()
         self._marks = index["mark"]
@@ -114,8 +115,7 @@ class SecondStore(Store):
         self._places = [place for place in places if place is not None]
         # True for each verified recording; forked workers share it
         self._verified = SharedArray(len(self.names), np.bool_)
-        self._file = path.open("rb", buffering=0)
-        self._handle = self._file.fileno()
+        self._file = LocalFile(path)
 
     def _is_sound(self, index: dict[str, np.ndarray]) -> bool:
         """Return whether the arrays of the index agree on the number of recordings, and have possible values."""
@@ -136,7 +136,7 @@ class SecondStore(Store):
 
     def stamp(self, name: str) -> tuple[int, ...]:
         """Return (checksum of the events, time of the first event in µs, width, height)."""
-        number = self._number[name]
+        number = self.names.number(name)
         head, _ = self.head(number)
         return int(self._crc[number]), head.span[0], *head.size
 
@@ -161,7 +161,7 @@ class SecondStore(Store):
         if not verified:
             self._check_inside(number, columns, head.size)
         if not is_sorted(columns.t):
-            raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
+            raise FormatError(self.path, f"events of {shown(self.names[number])} are out of order: pack it again")
         return columns
 
     def _verify(self, number: int, head: Head, start: int, stop: int) -> list[np.ndarray] | None:
@@ -183,7 +183,7 @@ class SecondStore(Store):
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         ends = (raw[0][0], raw[0][-1]) if raw[0].size else (0, self._duration[number])
         if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
-            raise FormatError(self.root, f"its index has other times than {shown(self.names[number])}: pack it again")
+            raise FormatError(self.path, f"its index has other times than {shown(self.names[number])}: pack it again")
         self._check_inside(number, raw, head.size)
         self._verified.values[number] = True
 
@@ -208,18 +208,21 @@ class SecondStore(Store):
                 Chunks(self.root, dataset_of(self.root, file, f"events/{name}")).read(lo, hi) for name in COLUMNS
             ]
         if any(column.shape != (hi - lo,) for column in columns):
-            raise FormatError(self.root, "was changed while it was read: open it again")
+            raise FormatError(self.path, "was changed while it was read: open it again")
         return columns
 
     def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
         """Return items lo to hi - 1 of a column whose items have `size` bytes and begin at the byte `begin`."""
         items = np.empty(hi - lo, kind)
-        read_into(self._handle, self.path, begin + lo * size, items)
+        self._file.fill(begin + lo * size, items)
         return items
+
+    def blocks(self, names: Sequence[str], size: int) -> None:
+        """Return None, because the columns of a recording lie apart."""
 
     def fault(self, name: str) -> str:
         """Return why the events of a recording can't be read or were changed; empty if they are intact."""
-        number = self._number[name]
+        number = self.names.number(name)
         try:
             raw = self._raw(self._offset[number], self._offset[number + 1])
             if crc_of(raw) != int(self._crc[number]):

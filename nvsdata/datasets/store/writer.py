@@ -1,28 +1,23 @@
-"""Packing of a dataset into a store: in parallel, resumable, and completely or not at all."""
+"""Packing of the recordings of a dataset into a store."""
 
 from __future__ import annotations
 
 import os
-import shutil
-from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from nvsdata.batch.scheduler import in_order
-from nvsdata.common.errors import shown
-from nvsdata.common.files import creating, named, write_all
-from nvsdata.common.progress import bar
-from nvsdata.common.terminal import say
-from nvsdata.data.events import Columns
+import numpy as np
+
+from nvsdata.data.events import EVER, Columns
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source, path_below
-from nvsdata.datasets.store.index import BEGIN, file_head, packed_index
-from nvsdata.datasets.store.part import JournalLine, Part
-from nvsdata.datasets.store.reader import Store
-from nvsdata.datasets.store.record import record_of
+from nvsdata.datasets.store.part import JournalLine
+from nvsdata.datasets.store.record import events_of, head_of, record_of
+from nvsdata.datasets.store.writing import Made, StoreWriter
+from nvsdata.kernels.decode.blocks import blocks_between
 
 MOST_SIDE_BYTES = 1 << 24  # files that aren't recordings are left out if they are larger
 STORES = (".nvs", ".h5", ".hdf5")  # extensions of stores, which aren't side files
@@ -48,8 +43,10 @@ def pack(
     out: str | os.PathLike[str],
     *,
     jobs: int = 1,
+    scheduler: str | None = None,
     compress: bool = False,
     overwrite: bool = False,
+    shard: tuple[int, int] | None = None,
 ) -> PackReport:
     """Write the recordings of `dataset` and its small side files (lists, labels) into the store `out`.
 
@@ -62,8 +59,12 @@ def pack(
         dataset: the dataset; its transforms are not applied.
         out: path of the new file.
         jobs: number of processes that decode.
+        scheduler: address of a Dask cluster that decodes in place of local processes (`nvsdata[distributed]`). Its
+            workers must have the dataset under the same path; this process alone writes.
         compress: whether to compress the events.
         overwrite: whether to replace an existing file.
+        shard: (i, n), with i from 1 to n: pack every n-th recording from the i-th on, into `shard_path(out, shard)`,
+            such as out-2-of-8.nvs. `join` makes a store of all shards, which different machines may have packed.
 
     Returns:
         The number of recordings and events, and the recordings that were left out.
@@ -72,7 +73,8 @@ def pack(
         FileExistsError: `out` exists, unless `overwrite`.
         OutputInUse: another process packs into `out`.
         OSError: the disk is full; `out` doesn't appear, because the store is read back first.
-        ValueError: there is nothing to pack.
+        TypeError: the dataset has precomputed samples, no recordings.
+        ValueError: there is nothing to pack, or `shard` isn't (i, n).
 
     Example:
         >>> import tempfile, nvsdata
@@ -85,41 +87,28 @@ def pack(
         >>> len(nvsdata.EventFolder(root / "data.nvs"))
         1
     """
-    target = given = Path(out).expanduser()
-    with ExitStack() as locks:
-        locks.enter_context(creating(given, overwrite=overwrite))
-        locks.enter_context(named(given))
-        if given.is_symlink():
-            # the link stays, and its target is replaced
-            target = Path(os.path.realpath(given))
-            locks.enter_context(creating(target, overwrite=True))
-        names = dataset.recording_names()
-        with Part(target.with_name(f".{target.name}.part"), dataset, names, compress=compress) as part:
-            done = part.done
-            todo = [name for name in names if name not in done]
-            what, begun = f"packing {dataset.info.name}", len(names) - len(todo)
-            try:
-                with bar(None, what, total=len(names), initial=begun, unit="rec") as progress:
-                    decode = partial(_decode, dataset.source, dataset.opened_with, compress)
-                    for name, result in zip(todo, in_order(decode, todo, jobs), strict=True):
-                        part.add(name, result)
-                        progress.update()
-            except BaseException:
-                progress_made = f"{len(part.done):,} of {len(names):,} recordings"
-                say(f"{progress_made} are in {shown(part.folder)}: the same command resumes")
-                raise
-        if not part.facts:
-            raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
-        try:
-            _finish(part, dataset, target)
-        except BaseException:
-            say(f"all recordings are in {shown(part.folder)}: the same command resumes")
-            raise
-        shutil.rmtree(part.folder)
+    if not isinstance(dataset, EventDataset):
+        raise TypeError("recordings are packed, not precomputed samples: `push` and `join` take their file as it is")
+    names = dataset.recording_names()
+    skipped = _left_out(dataset)
+    side_files = partial(_side_files, dataset, {*names, *skipped})
+    writer = StoreWriter(
+        dataset,
+        items={name: name for name in names},
+        files=str,
+        make=partial(_decode, dataset.source, dataset.opened_with, compress),
+        intact=_is_intact,
+        run={"compress": compress},
+        what=f"packing {dataset.info.name}",
+        skipped=skipped,
+        # the first shard has what isn't a recording
+        sections=lambda _: side_files() if shard is None or shard[0] == 1 else {},
+    )
+    part = writer.write(Path(out).expanduser(), jobs=jobs, scheduler=scheduler, overwrite=overwrite, shard=shard)
     return PackReport(len(part.facts), sum(facts.events for facts in part.facts), part.skipped)
 
 
-def _decode(source: Source, size: tuple[int, int] | None, compress: bool, name: str) -> tuple[JournalLine, bytes] | str:
+def _decode(source: Source, size: tuple[int, int] | None, compress: bool, name: str) -> Made:
     """Return facts and record of a recording, or the reason why it can't be packed."""
     try:
         stamp = source.stamp(name) if name not in source.left_out else ()
@@ -136,45 +125,27 @@ def _decode(source: Source, size: tuple[int, int] | None, compress: bool, name: 
     return JournalLine(name, len(events), len(record), check, source.size(name), list(stamp)), record
 
 
-def _finish(part: Part, dataset: EventDataset, target: Path) -> None:
-    """Add head and index to the records, read the store back, and let it appear as `target`."""
-    place = list(accumulate((facts.length for facts in part.facts), initial=BEGIN))
-    facts = {"dataset": dataset.info.name, "split": dataset.packed_split, "fold": dataset.fold}
-    index = packed_index(
-        facts,
-        place=place,
-        bytes=[facts.bytes for facts in part.facts],
-        check=[facts.check for facts in part.facts],
-        name=[facts.name for facts in part.facts],
-        folder=dataset.listing,
-        left_out=part.skipped,
-        reason=[reason.replace("\0", " ") for reason in part.skipped.values()],
-        **_side_files(dataset, part),
-    )
-    with part.data.open("r+b", buffering=0) as file:
-        file.seek(part.end)
-        write_all(file.fileno(), index)
-        file.seek(0)
-        write_all(file.fileno(), file_head(part.end, index))
-        os.fsync(file.fileno())
-    _read_back(part.data, target)
-    if target.exists():
-        shutil.copymode(target, part.data)
-    os.replace(part.data, target)
+def _left_out(dataset: EventDataset) -> dict[str, str]:
+    """Return the recordings that the dataset itself leaves out, name to reason."""
+    reasons = dataset.source.left_out
+    return {name: reasons.get(name, "empty") for name in dataset.skipped}
 
 
-def _read_back(path: Path, target: Path) -> None:
-    """Raise OSError unless the file is a store whose index and events match their checksums."""
-    with closing(Store(path)) as store:
-        for name in store.names:
-            if store.fault(name):
-                raise OSError(f"{target}: the events of {name} can't be read back as they were written")
+def _is_intact(raw: np.ndarray, facts: JournalLine) -> bool:
+    """Return whether the bytes of a record are those of its line."""
+    try:
+        head = head_of(raw, facts.length)
+        first, last, begin, end, most = blocks_between(head.table, head.span[0], *EVER)
+        t = events_of(head, first, last, raw[head.bytes :][begin:end], *EVER, most).t
+    except ValueError:  # also a FormatError, or a BlockError
+        return False
+    return head.check == facts.check and t.size == facts.events and (int(t[0]), int(t[-1])) == head.span
 
 
-def _side_files(dataset: EventDataset, part: Part) -> dict[str, Any]:
+def _side_files(dataset: EventDataset, packed: set[str]) -> dict[str, Any]:
     """Return the index's sections of side files: small files that aren't recordings, such as lists and labels."""
     names, blobs = [], []
-    recordings = part.done.union(dataset.files_of(dataset.found()))
+    recordings = packed.union(dataset.files_of(dataset.found()))
     for folder, files in dataset.listing.items():
         for file in files:
             name = path_below(folder, file)

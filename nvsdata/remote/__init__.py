@@ -1,0 +1,1 @@
+"""Files at URLs: reading of ranges with retries, and a cache of blocks on the local disk."""
