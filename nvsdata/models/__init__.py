@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+from nvsdata.common.text import plain_name
 from nvsdata.models import reference
 from nvsdata.models.checkpoint import load, save
 from nvsdata.models.conv import CONVOLUTIONS
@@ -183,9 +184,13 @@ def gcnn(name: str, num_classes: int | None = None, *, convolution: str = "splin
 
 
 def _configuration(known: dict[str, dict[str, Any]], name: str, num_classes: int | None) -> dict[str, Any]:
-    if name not in known:
-        raise ValueError(f"no configuration {name!r}; there are {', '.join(known)}")
-    chosen = dict(known[name])
+    # "NMNIST" and "n_mnist" are "n-mnist"
+    found = next((one for one in known if plain_name(one) == plain_name(str(name))), None)
+    if found is None:
+        kind = "RGCNN3D" if known is CONFIGURATIONS_3D else "RGCNN"
+        other = f"for other data, build models.{kind}(num_classes, sensor_size=(width, height), ...)"
+        raise ValueError(f"no configuration {name!r}; there are {', '.join(known)}; {other}")
+    chosen = dict(known[found])
     if num_classes is not None:
         chosen["num_classes"] = num_classes
     return chosen

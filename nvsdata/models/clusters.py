@@ -1,4 +1,4 @@
-"""Clusters of nodes, and the maximum or mean of their features: by our kernels on the CPU, by torch elsewhere.
+"""Clusters of nodes, and the maximum or mean of their features: by our kernels, or by torch where there are none.
 
 While torch traces a network (`torch.compile`, `torch.export`, tensors on the device "meta"), tensors have no values.
 `GraphPool` then calls these functions as operators that are registered with torch; see `models.spline_sum`.
@@ -14,6 +14,7 @@ from torch.library import custom_op, get_ctx
 
 from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.grid import cells
+from nvsdata.kernels import triton
 from nvsdata.kernels.graph import pool as kernel
 from nvsdata.models.spline_sum import has_kernels, occurrences, traced, widened
 
@@ -47,9 +48,13 @@ def pooled_rows(x: torch.Tensor, cluster: torch.Tensor, count: int, mode: str) -
     if traced(x):
         pooled: torch.Tensor = _rows(x, cluster, count, mode)
         return pooled
+    function: Any = None
     if has_kernels(x):
         function = _MaxRows if mode == "max" else _MeanRows
-        rows: torch.Tensor = function.apply(x, cluster, count)  # type: ignore[no-untyped-call]
+    elif triton.usable(x):
+        function = _MaxSegments if mode == "max" else _MeanSegments
+    if function:
+        rows: torch.Tensor = function.apply(x, cluster, count)
         return rows
     return (max_rows_torch if mode == "max" else mean_rows_torch)(x, cluster, count)
 
@@ -135,6 +140,38 @@ class _MeanRows(torch.autograd.Function):
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         cluster, members = ctx.saved_tensors
         return (gradient / members.unsqueeze(1))[cluster], None, None
+
+
+class _MaxSegments(torch.autograd.Function):
+    """`max_rows_torch`, computed by Triton."""
+
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+        from nvsdata.kernels.triton.pool import max_rows, segments
+
+        best, where = max_rows(x.contiguous(), *segments(cluster, count))
+        ctx.save_for_backward(where)
+        ctx.nodes = x.shape[0]
+        return best
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
+        (where,) = ctx.saved_tensors
+        # a node has one cluster, so no two gradients are for the same value
+        return gradient.new_zeros(ctx.nodes, gradient.shape[1]).scatter_(0, where, gradient), None, None
+
+
+class _MeanSegments(_MeanRows):
+    """`mean_rows_torch`, computed by Triton; the backward pass is that of the CPU."""
+
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+        from nvsdata.kernels.triton.pool import mean_rows, segments
+
+        order, start = segments(cluster, count)
+        ctx.save_for_backward(cluster, start.diff())
+        return mean_rows(x.contiguous(), order, start)
 
 
 Tensors = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]

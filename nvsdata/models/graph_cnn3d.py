@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Literal
 import torch
 from torch import nn
 
+from nvsdata.common.validation import positive
 from nvsdata.data.graph import Graph
 from nvsdata.models.graph_cnn import Kernel, Pooling, ResidualBlock, Size, activated_pool, check_pairs, input_of
 from nvsdata.models.grid import Graph2GridLayer
 from nvsdata.models.registry import register_network
-from nvsdata.models.temporal import temporal_network
+from nvsdata.models.temporal import scaled, temporal_network
 
 if TYPE_CHECKING:
     from torch_geometric.data import Data
@@ -37,6 +38,7 @@ class RGCNN3D(nn.Module):
         in_channels: Features per node (default 1).
         dim: Pseudo-coordinates per edge: 2 (default), or 3 with time.
         pooling: "max" (default) or "average" of the features of a cluster (thesis, eq. 4.9).
+        width: Factor of the channels of all layers, graph and 3D convolutions, above 0 (default 1.0).
 
     Raises:
         ValueError: For settings that don't fit together, graphs of a larger sensor, or another number of features.
@@ -63,20 +65,23 @@ class RGCNN3D(nn.Module):
         in_channels: int = 1,
         dim: int = 2,
         pooling: Pooling = "max",
+        width: float = 1.0,
     ) -> None:
         super().__init__()
         check_pairs(channels, clusters)
+        positive("width", width)
         self.sensor_size, self.in_channels, self.dim = sensor_size, in_channels, dim
         layers: list[nn.Module] = []
         previous = in_channels
-        for width, cluster in zip(channels, clusters, strict=True):
-            layers.append(ResidualBlock(previous, width, Kernel(kernel_size, dim)))
+        for full, cluster in zip(channels, clusters, strict=True):
+            out = scaled(full, width)
+            layers.append(ResidualBlock(previous, out, Kernel(kernel_size, dim)))
             layers += activated_pool(cluster, sensor_size, pooling)
-            previous = width
+            previous = out
         self.spatial = nn.Sequential(*layers)
         self.grid = Graph2GridLayer(clusters[-1], sensor_size)
-        self.temporal, width = temporal_network(temporal, previous)
-        self.classify = nn.Linear(width, num_classes)
+        self.temporal, last = temporal_network(temporal, previous, width)
+        self.classify = nn.Linear(last, num_classes)
 
     def features(self, graphs: Graph | Data) -> torch.Tensor:
         """Return the output of the last pooling, [B, C, T', H', W']."""

@@ -1,4 +1,4 @@
-"""Sums of a B-spline convolution over neighbors and kernel cells: by our kernels on the CPU, by torch elsewhere.
+"""Sums of a B-spline convolution over neighbors and kernel cells: by our kernels, or by torch where there are none.
 
 While torch traces without values (`torch.compile`, `torch.export`, the meta device), layers call operators that are
 registered with torch. These operators take about 30 µs more per call, and their backward pass computes the sum again.
@@ -14,8 +14,10 @@ from torch.autograd.function import once_differentiable
 from torch.library import custom_op
 
 from nvsdata.data.graph import grouped
+from nvsdata.kernels import triton
 from nvsdata.kernels.graph import spline as kernel
 from nvsdata.kernels.graph.edges import with_self_loops
+from nvsdata.models.spline_classes import class_sum, corners
 
 # up to this many (cell, channel) pairs, aggregating all of them is cheaper than finding those that occur
 DENSE = 128
@@ -37,7 +39,8 @@ def spline_sum(
 ) -> torch.Tensor:
     """Return `out` [N, out_channels] plus the sum of `SplineConv`; on the CPU, our kernels add the sum in place."""
     if not has_kernels(x):
-        return spline_sum_torch(out, x, edge_index, edge_attr, weight, kernel_size)
+        added = class_sum(out, x, edge_index, edge_attr, weight, kernel_size) if triton.usable(x) else None
+        return spline_sum_torch(out, x, edge_index, edge_attr, weight, kernel_size) if added is None else added
     dense = kernel_size == 1 or weight.shape[0] * x.shape[1] <= DENSE
     function = _DenseSum if dense else _SparseSum
     u = edge_attr.detach().to(x.dtype)
@@ -75,20 +78,11 @@ def spline_sum_torch(
     source, target = edge_index
     nodes, cells = x.shape[0], weight.shape[0]
     wide = widened(x)
-    v = edge_attr.detach().to(wide.dtype).clamp(0, 1) * (kernel_size - 1)
-    # NaN has no integer value; `upper` keeps it
-    lower = v.nan_to_num(0).floor().clamp(max=max(kernel_size - 2, 0)).long()
-    upper = v - lower
     degree = occurrences(target, nodes)
     gathered = wide[source] / degree[target].unsqueeze(1)
     sums = wide.new_zeros(nodes * cells, x.shape[1])
-    for corner in itertools.product(range(min(kernel_size, 2)), repeat=v.shape[1]):
-        row, share = target * cells, torch.ones_like(upper[:, 0])
-        # one number at a time, because a tensor of the corner would have to be copied to the device
-        for axis, above in enumerate(corner):
-            row = row + (lower[:, axis] + above) * kernel_size**axis
-            share = share * (upper[:, axis] if above else 1 - upper[:, axis])
-        sums = sums.index_add(0, row, share.unsqueeze(1) * gathered)
+    for cell, share in corners(edge_attr.detach().to(wide.dtype), kernel_size):
+        sums = sums.index_add(0, target * cells + cell, share.unsqueeze(1) * gathered)
     return torch.addmm(out, sums.view(nodes, cells * x.shape[1]).to(out.dtype), weight.reshape(-1, weight.shape[2]))
 
 

@@ -61,30 +61,39 @@ INCEPTION: Sequence[tuple[int, Pair, Pair, int]] = (
 TEMPORAL = ("plain", "inception", "residual")
 
 
-def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, int]:
+def scaled(channels: int, width: float) -> int:
+    """Return the number of channels times `width`, at least 1."""
+    return max(1, round(channels * width))
+
+
+def temporal_network(kind: str, in_channels: int = 128, width: float = 1.0) -> tuple[nn.Sequential, int]:
     """Return a 3D CNN up to its last pooling, and its number of output channels. ValueError for an unknown kind.
+
+    `width` multiplies the channels of all layers.
 
     Each block is followed by a pooling of 2 x 2 x 2 with stride 2. After the first block, the stride in time is 1.
     Output sizes are rounded up, because 8 grids wouldn't suffice for four poolings otherwise.
     """
     blocks: list[nn.Module] = []
-    width = in_channels
+    before = in_channels
     if kind == "plain":
-        for out in (128, 256, 512, 512):
-            blocks.append(Conv3D(width, out))
-            width = out
+        for out in (scaled(full, width) for full in (128, 256, 512, 512)):
+            blocks.append(Conv3D(before, out))
+            before = out
     elif kind == "inception":
-        for streams in INCEPTION:
-            blocks.append(inception(width, streams))
-            width = inception_width(streams)
+        for one, two, three, four in INCEPTION:
+            pairs = [(scaled(a, width), scaled(b, width)) for a, b in (two, three)]
+            streams = scaled(one, width), pairs[0], pairs[1], scaled(four, width)
+            blocks.append(inception(before, streams))
+            before = inception_width(streams)
     elif kind == "residual":
         for inter, out in ((256, 512), (512, 1024)):
-            blocks.append(residual(width, inter, out))
-            width = out
+            blocks.append(residual(before, scaled(inter, width), scaled(out, width)))
+            before = scaled(out, width)
     else:
         raise ValueError(f"temporal must be one of {TEMPORAL}, not {kind!r}")
     layers: list[nn.Module] = []
     for n, block in enumerate(blocks):
         # sizes along T, H, W
         layers += [block, nn.MaxPool3d(2, (2 if n else 1, 2, 2), ceil_mode=True)]
-    return nn.Sequential(*layers), width
+    return nn.Sequential(*layers), before

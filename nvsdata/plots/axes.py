@@ -22,7 +22,9 @@ def rgb(bgr: tuple[int, int, int]) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-# colors of the lines of a chart, in order
+# colors of learning curves and other lines by name: none is that of ON or OFF
+CURVES = [rgb((90, 160, 60)), rgb((40, 150, 230)), rgb((120, 110, 0)), rgb((50, 80, 140)), rgb((110, 110, 110))]
+# colors of the marks of a chart, in order
 LINES = [rgb(OFF), rgb(ON), rgb(BOTH), rgb((90, 160, 60)), rgb((40, 150, 230))]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nvsdata.plots.axes import DPI, LINES, new_chart, rendered, rgb
+from nvsdata.plots.axes import CURVES, DPI, LINES, new_chart, rendered, rgb
 from nvsdata.plots.drawing import INK
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def curves(
     places = np.linspace(first, last, longest)
     for i, (name, values) in enumerate(lines):
         alone = "o" if len(values) == 1 else None
-        axes.plot(places[: len(values)], values, color=LINES[i % len(LINES)], label=name, marker=alone)
+        axes.plot(places[: len(values)], values, color=CURVES[i % len(CURVES)], label=name, marker=alone)
     axes.set_xlim(first, last)
     axes.set_ylim(0, highest * 1.02)
     if ends is None:

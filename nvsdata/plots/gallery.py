@@ -15,16 +15,35 @@ from nvsdata.plots.drawing import event_image, middle
 
 SHOWN = 50_000  # µs of events in an image
 
-STYLE = """
-body { font: 14px system-ui, sans-serif; color: #3c3c3c; margin: 0 auto; padding: 16px; max-width: 1500px; }
-table { border-collapse: collapse; }
-th { text-align: left; font-weight: 600; position: sticky; top: 0; background: #fff; }
-td, th { padding: 4px 12px 4px 0; border-bottom: 1px solid #e6e6e6; vertical-align: middle; }
-td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-img { height: 120px; image-rendering: pixelated; border: 1px solid #ddd; margin-right: 4px; }
-p { color: #777; }
-"""
 COLUMNS = "class", "recordings", "read", "events", "events/s", "seconds", "ON", "at the midpoint"
+STYLE = """
+:root { color-scheme: light dark; --page: #fff; --text: #3c3c3c; --faint: #6b6b6b; --line: #e6e6e6; }
+@media (prefers-color-scheme: dark) { :root { --page: #161616; --text: #ddd; --faint: #a0a0a0; --line: #3a3a3a; } }
+body { font: 14px system-ui, sans-serif; color: var(--text); background: var(--page); }
+body { margin: 0 auto; padding: 16px; max-width: 1500px; }
+h1, li { overflow-wrap: anywhere; }
+table { border-collapse: collapse; }
+th { text-align: left; font-weight: 600; position: sticky; top: 0; background: var(--page); }
+td, th { padding: 4px 12px 4px 0; border-bottom: 1px solid var(--line); vertical-align: middle; }
+td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+img { height: 120px; image-rendering: pixelated; border: 1px solid var(--line); margin-right: 4px; }
+p { color: var(--faint); }
+"""
+# on a phone, a class is a block: its name, a line for each number, images
+NARROW = """
+@media (max-width: 700px) {
+  table, tbody, tr, td { display: block; }
+  tr { padding: 10px 0; border-bottom: 1px solid var(--line); }
+  tr:has(th) { display: none; }
+  td, td.n { border: 0; padding: 1px 0; text-align: left; overflow-wrap: anywhere; }
+  td:first-child { font-weight: 600; }
+  td.n::before { display: inline-block; width: 90px; color: var(--faint); }
+  img { max-width: 100%; object-fit: contain; box-sizing: border-box; }
+LABELS}
+""".replace(
+    "LABELS",
+    "".join(f'  td.n:nth-child({n})::before {{ content: "{name}"; }}\n' for n, name in enumerate(COLUMNS[1:-1], 2)),
+)
 
 
 @dataclass
@@ -90,7 +109,9 @@ def gallery(title: str, classes: Sequence[ClassSummary], faults: Sequence[str] =
     name = as_html(title)
     about = "Events and seconds are medians. Images: ON red, OFF blue, both purple."
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{name}</title><style>{STYLE}</style></head>'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{name}</title><style>{STYLE}{NARROW}</style></head>"
         f"<body><h1>{name}</h1><p>{about}</p><table><tr>{head}</tr>\n"
         + "\n".join(rows)
         + f"</table>{wrong}</body></html>"

@@ -19,7 +19,13 @@ MOST_FRAMES = 600
 MOST_EVENTS = 20_000_000  # a page of 210 MB
 
 
-def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window: int | None = None) -> str:
+def player_page(
+    events: Events,
+    title: str,
+    frames: Iterable[Frame] = (),
+    window: int | None = None,
+    origin: int | None = None,
+) -> str:
     """Return an HTML page of all events: a player, a chart of the event rate over time, and a point cloud.
 
     The player has controls for time, speed and window length.
@@ -30,6 +36,7 @@ def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window
         frames: Frames of the same camera, shown behind the events. If there are more than 600, only every n-th
             frame is shown, so that at most 600 are left.
         window: Initial length of the window in µs (default: 33,333, but at most a tenth of the recording).
+        origin: Time in µs that the player shows as 0 (default: that of the first event).
 
     Returns:
         The HTML text.
@@ -53,6 +60,7 @@ def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window
     data = {
         "unit": unit,
         "span": int(span),
+        "offset": int(events.start - origin) if origin is not None else 0,
         "size": [width, height],
         "window": int(min(window or min(WINDOW, span // 10), span)) or 1,
         "t": _text(((t - events.start) // unit).astype("<u4")),
@@ -63,8 +71,8 @@ def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window
     }
     about = f"{len(events):,} events, {span / 1e3:,.1f} ms, {width}x{height} pixels"
     about += f", {events.p.mean():.0%} ON" if len(events) else ""
-    filled = {"__TITLE__": as_html(title), "__ABOUT__": about, "__DATA__": as_script(data)}
-    text = files("nvsdata.plots").joinpath("viewer.html").read_text("utf-8")
+    text, script = (files("nvsdata.plots").joinpath(f"viewer.{kind}").read_text("utf-8") for kind in ("html", "js"))
+    filled = {"__TITLE__": as_html(title), "__ABOUT__": about, "__DATA__": as_script(data), "__SCRIPT__": script}
     # placeholders are replaced in one pass, because a title may contain one of them
     return re.sub("|".join(filled), lambda found: filled[found[0]], text)
 

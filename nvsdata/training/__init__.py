@@ -1,7 +1,7 @@
 """Training of networks with logs, checkpoints and resumption, in one process or several."""
 
 from nvsdata.training.data import TrainTestSplit, data_of, loader
-from nvsdata.training.evaluation import Votes, predict, votes, window_ms
+from nvsdata.training.evaluation import Votes, cost, predict, predict_batches, votes, window_ms
 from nvsdata.training.negatives import Negatives
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team, team
@@ -16,9 +16,11 @@ __all__ = [
     "Trainer",
     "Votes",
     "adam",
+    "cost",
     "data_of",
     "loader",
     "predict",
+    "predict_batches",
     "run",
     "sgd",
     "team",

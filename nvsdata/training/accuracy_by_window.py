@@ -103,7 +103,8 @@ def _accuracies(trainer: Trainer, test: Callable[[Any], Any], transforms: dict[i
     """Return the accuracy on about WINDOWS windows for each transform."""
     parts = [_spread(test(transform), WINDOWS) for transform in transforms.values()]
     draws = min(MOST_DRAWS, -(-WINDOWS // len(parts[0])))
-    batches = loader(ConcatDataset(parts), trainer.batch, trainer.team, seed=trainer.seed, last=draws)
+    how: dict[str, Any] = {"seed": trainer.seed, "last": draws, "whole_batches": True}
+    batches = loader(ConcatDataset(parts), trainer.batch, trainer.team, **how)
     scores, targets = predict(trainer.model, batches, trainer.team)
     right = correct(scores, targets).view(draws, len(parts), -1)
     return {which: accuracy(right[:, i].numpy()) for i, which in enumerate(transforms)}

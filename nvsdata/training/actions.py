@@ -10,6 +10,7 @@ from torch import nn
 
 from nvsdata import models
 from nvsdata import transforms as T
+from nvsdata.common.validation import whole
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
@@ -30,6 +31,7 @@ POINT_NETWORKS: dict[str, type[nn.Module]] = {
     "lstm": models.reference.LSTM,
 }
 EPOCHS = 150
+SMALL = (64, 64)  # sensors up to this size have a grid of a quarter of the cells
 NETWORKS = ("rgcnn3d", *FRAME_NETWORKS, *POINT_NETWORKS)
 
 
@@ -44,9 +46,13 @@ class Actions:
         duration: Duration in µs of the part of each recording that is used, at a random position (default None: all).
         events: Events per sample of PointNet, PointNet++ and LSTM (default 1024).
         flip: True (default) for left-right flips as augmentation.
+        width: Factor of the channels of rgcnn3d (default 1.0).
+        image_size: Side in pixels of the square frames of 3D CNNs (default None: that of the thesis, 112 to 224).
+        adam: True to train 3D CNNs on frames by Adam, like the other networks, in place of gradient descent (default
+            False).
 
     Raises:
-        ValueError: For an unknown network.
+        ValueError: For an unknown network, or an image size below 1.
 
     Example:
         >>> from nvsdata.training.actions import Actions
@@ -60,10 +66,15 @@ class Actions:
     duration: int | None = None
     events: int = 1024
     flip: bool = True
+    width: float = 1.0
+    image_size: int | None = None
+    adam: bool = False
 
     def __post_init__(self) -> None:
         if self.network not in NETWORKS:
             raise ValueError(f"network must be one of {NETWORKS}, not {self.network!r}")
+        if self.image_size is not None:
+            whole("image_size", self.image_size, 1)
 
     def pipeline(self, *, training: bool) -> T.Compose:
         """Return the transform from a recording to the network's input, with augmentation for training.
@@ -79,7 +90,9 @@ class Actions:
         flip = training and self.flip
         volumes = T.RandomWindows(self.graphs, T_VOL)
         if self.network in FRAME_NETWORKS:
-            _, side, square = FRAME_NETWORKS[self.network]
+            _, side, full = FRAME_NETWORKS[self.network]
+            square = self.image_size or full
+            side = round(side * square / full)
             crop = T.RandomCrop(square) if training else T.CenterCrop(square)
             mirror = [T.RandomFlip()] if flip else []
             return T.Compose([*cut, volumes, T.EventImage(), T.Normalize(), T.Resize(side), crop, *mirror])
@@ -88,13 +101,20 @@ class Actions:
         return T.Compose([*cut, volumes, graphs, *augment, *([T.RandomFlip(0)] if flip else [])])
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
-        """Return the network; RG-CNN in the configuration for 128x128 if the sensor fits, otherwise for 240x180."""
+        """Return the network.
+
+        RG-CNN has the layers for 128x128 pixels if the sensor fits, otherwise those for 240x180. Up to 64x64 pixels,
+        its grid is smaller, too.
+        """
         if self.network in FRAME_NETWORKS:
             return FRAME_NETWORKS[self.network][0](classes)
         if self.network in POINT_NETWORKS:
             return POINT_NETWORKS[self.network](classes)
         name = "dvs128-gesture" if max(sensor_size) <= 128 else "ucf101-dvs"
-        return models.RGCNN3D(**models.CONFIGURATIONS_3D[name] | {"temporal": self.temporal, "num_classes": classes})
+        own: dict[str, Any] = {"num_classes": classes, "temporal": self.temporal, "width": self.width}
+        if max(sensor_size) <= max(SMALL):
+            own["sensor_size"] = SMALL
+        return models.RGCNN3D(**models.CONFIGURATIONS_3D[name] | own)
 
     @property
     def batch(self) -> int:
@@ -140,4 +160,5 @@ class Actions:
 
         The thesis doesn't describe the training of point networks; they are trained by Adam, too.
         """
-        return sgd(model, 0.01, 50, epochs) if self.network in FRAME_NETWORKS else adam(model, epochs, (60, 100))
+        by_descent = self.network in FRAME_NETWORKS and not self.adam
+        return sgd(model, 0.01, 50, epochs) if by_descent else adam(model, epochs, (60, 100))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -61,12 +62,16 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     trainer.publish(train.classes, test.transform, best)
     curves = [(name, [line[f"{name}_accuracy"] for line in trainer.lines]) for name in ("train", "validation")]
     plots.save_png(plots.curves(curves, "nvsdata demo: accuracy", "epoch"), out / "learning.png")
-    tested = training.votes(model, training.loader(test, BATCH, here, seed=seed, last=VOTES), VOTES, here)
+    batches = training.loader(test, BATCH, here, seed=seed, last=VOTES, whole_batches=True)
+    tested = training.votes(model, batches, VOTES, here)
     print(f"accuracy on {len(test)} test recordings, with 95% intervals")
     print(f"  one 30 ms window:       {tested.single:.3f}")
     print(f"  vote of {VOTES} such windows: {tested.together:.3f}")
-    drawn, learned, network = (shown(out / name) for name in ("samples.png", "learning.png", "model.safetensors"))
-    print(f"plots: {drawn}, {learned}; network: {network}")
+    print(f"plots: {shown(out / 'samples.png')}, {shown(out / 'learning.png')}")
+    print(f"network: {shown(out / 'model.safetensors')}")
+    example = shlex.quote(shown(data / "test/disc/000.h5"))
+    print(f"next, a page that plays a recording: nvsdata view {example}")
+    print("next, a network for recordings of your own: docs/tutorials/train.md in nvsdata's repository")
 
 
 def pipeline(*, augmented: bool) -> T.Compose:

@@ -63,7 +63,8 @@ FEATURES: dict[str, Any] = {
 class Objects:
     """Training protocol of the thesis, section 4.4, for a dataset and one of `NETWORKS`.
 
-    The defaults are those of docs/models.md, which lists the differences from the thesis and their effects.
+    The defaults are those of docs/dev/measurements/departures.md, which lists the differences from the thesis and their
+    effects.
 
     Args:
         dataset: Name of the dataset. Digits (n-mnist, mnist-dvs) aren't mirrored.

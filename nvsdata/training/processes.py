@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
 import torch
 from torch import distributed
 
+from nvsdata.common.errors import message_of
 from nvsdata.common.files import claimed
+
+Result = TypeVar("Result")
+
+
+class ProcessFailed(RuntimeError):
+    """Another process of the team failed; the message has its rank and its error."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +51,49 @@ class Team:
         """Wait until all processes have called this."""
         if self.count > 1:
             distributed.barrier()
+
+    def gather(self, value: Result) -> list[Result]:
+        """Return the values of all processes, in order of rank. All processes must call this."""
+        if self.count == 1:
+            return [value]
+        everyone: list[Any] = [None] * self.count
+        distributed.all_gather_object(everyone, value)
+        return everyone
+
+    def attempt(self, work: Callable[[], Result]) -> list[Result]:
+        """Call a function in each process, and return the results of all, in order of rank.
+
+        All processes must call this. If the function fails in one of them, all of them raise an error, so that none
+        waits for a process that has ended.
+
+        Args:
+            work: Function of this process. Its result must be picklable.
+
+        Returns:
+            The results, the same in all processes.
+
+        Raises:
+            Exception: The error of `work` in this process.
+            ProcessFailed: `work` failed in another process.
+
+        Example:
+            >>> import torch
+            >>> from nvsdata import training
+            >>> training.Team(torch.device("cpu")).attempt(lambda: 1 + 1)
+            [2]
+        """
+        if self.count == 1:
+            return [work()]
+        try:
+            result, failure = work(), None
+        except Exception as error:
+            self.gather((None, message_of(error)))
+            raise
+        everyone = self.gather((result, failure))
+        for rank, (_, message) in enumerate(everyone):
+            if message is not None:
+                raise ProcessFailed(f"process {rank}: {message}")
+        return [found for found, _ in everyone]
 
     @contextmanager
     def claiming(self, out: Path) -> Iterator[None]:

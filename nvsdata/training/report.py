@@ -17,7 +17,7 @@ from nvsdata.common.files import put
 from nvsdata.common.machine import commit, machine
 from nvsdata.metrics import Accuracy
 from nvsdata.training.accuracy_by_window import accuracy_by_events, accuracy_by_length
-from nvsdata.training.evaluation import Votes, window_ms
+from nvsdata.training.evaluation import Votes, cost, window_ms
 from nvsdata.training.summary import Mistake, Summary, as_csv, as_json, mistakes_of, summarized
 from nvsdata.training.trainer import Trainer
 from nvsdata.transforms.events.windows import T_VOL
@@ -30,17 +30,17 @@ SHOWN = 48  # maximum number of mistakes on the contact sheet
 
 def write_report(
     trainer: Trainer, test: Callable[[Any], Any], transform: Any, votes: Votes, classes: Sequence[str]
-) -> None:
+) -> dict[str, Any]:
     """Write `report.json`, `predictions.csv`, `scores.npz` and figures to the folder of the training.
 
     `scores.npz` has `scores`, float32 [rounds, N, num_classes], log-probabilities averaged over the windows of a vote,
     and `targets`, int64 [N], in the order of `predictions.csv`.
 
     Figures of an earlier report are removed if there are no data for them. `report.json` also describes the run:
-    command line, versions, commit, machine, data, seed, the epoch whose weights were tested, and the CPU time of a
-    prediction.
+    command line, versions, commit, machine, data, seed, the epoch whose weights were tested, and CPU time and
+    operations of a prediction.
 
-    All processes of a team must call this function; the first one writes.
+    All processes of a team must call this function. The first one writes, and all return the same report.
 
     Args:
         trainer: Trainer of the network, which is run again for windows of other lengths, and with fewer events.
@@ -49,22 +49,44 @@ def write_report(
         votes: The network's predictions for the test recordings.
         classes: Class names.
 
+    Returns:
+        The content of `report.json`.
+
+    Raises:
+        ProcessFailed: Another process failed.
+
     Example:
         >>> split = training.TrainTestSplit("folder", Path("shapes"))  # doctest: +SKIP
         >>> found = training.votes(model, batches, windows=5, team=team)  # doctest: +SKIP
         >>> training.write_report(trainer, split.test, transform, found, split.classes)  # doctest: +SKIP
     """
     by_length, by_events = (measure(trainer, test, transform) for measure in (accuracy_by_length, accuracy_by_events))
-    if trainer.team.rank:
-        return
-    milliseconds = round(window_ms(trainer.model, test(transform), trainer.team.device), 3)
+    accuracy_by = {"window_us": by_length, "events": by_events}
+
+    def written() -> dict[str, Any]:
+        return _write(trainer, test, transform, votes, classes, accuracy_by) if trainer.team.rank == 0 else {}
+
+    return trainer.team.attempt(written)[0]
+
+
+def _write(
+    trainer: Trainer,
+    test: Callable[[Any], Any],
+    transform: Any,
+    votes: Votes,
+    classes: Sequence[str],
+    accuracy_by: dict[str, dict[int, Accuracy]],
+) -> dict[str, Any]:
+    """Write the files of a report, and return the content of `report.json`."""
+    data, device = test(transform), trainer.team.device
+    costs = {"window_ms": round(window_ms(trainer.model, data, device), 3)} | cost(trainer.model, data, device)
     summary, mistakes = summarized(votes), mistakes_of(votes)
     recordings = test(T.RandomWindow(T.window_length(transform) or T_VOL))
-    accuracy_by = {"window_us": by_length, "events": by_events}
     numbers = as_json(summary, mistakes, accuracy_by, recordings.samples, classes)
-    pictures = _pictures(summary, by_length, by_events, classes)
+    pictures = _pictures(summary, accuracy_by["window_us"], accuracy_by["events"], classes)
     pictures["mistakes.png"] = _sheet(mistakes, recordings, classes) if mistakes else None
-    put(trainer.out / REPORT, json.dumps(_run(trainer, milliseconds) | numbers, indent=1, allow_nan=False).encode())
+    text = json.dumps(_run(trainer, costs) | numbers, indent=1, allow_nan=False)
+    put(trainer.out / REPORT, text.encode())
     put(trainer.out / PREDICTIONS, as_csv(votes, recordings.samples, classes).encode())
     put(trainer.out / SCORES, _scores(votes))
     for name in PICTURES:
@@ -75,6 +97,7 @@ def write_report(
             plots.save_png(picture, trainer.out / name)
     count = sum(p is not None for p in pictures.values())
     trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} plots")
+    return dict(json.loads(text))
 
 
 def _scores(votes: Votes) -> bytes:
@@ -83,8 +106,8 @@ def _scores(votes: Votes) -> bytes:
     return file.getvalue()
 
 
-def _run(trainer: Trainer, milliseconds: float) -> dict[str, Any]:
-    """Return a description of a run, so that it can be repeated."""
+def _run(trainer: Trainer, costs: dict[str, float]) -> dict[str, Any]:
+    """Return a description of a run, so that it can be repeated, with the costs of a prediction."""
     chosen = trainer.best[0] if trainer.best else trainer.done
     by = "validation accuracy" if trainer.best else "the number of epochs"
     run: dict[str, Any] = {
@@ -93,7 +116,7 @@ def _run(trainer: Trainer, milliseconds: float) -> dict[str, Any]:
         "machine": machine(),
         "epoch": chosen,
         "epoch_chosen_by": by,
-        "window_ms": milliseconds,
+        **costs,
     }
     return {"run": run, "data": trainer.data, "tested_on": "test"}
 

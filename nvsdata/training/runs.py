@@ -20,7 +20,7 @@ from nvsdata.common.errors import FormatError, line_of, message_of
 from nvsdata.common.files import append_own, json_line, named, put, write_all
 from nvsdata.common.signals import end_of, ending_by_signals, exit_code
 from nvsdata.common.terminal import escaped_output
-from nvsdata.training.processes import Team
+from nvsdata.training.processes import ProcessFailed, Team
 
 CHECKPOINT, LOG, TENSORBOARD = "checkpoint.pt", "log.jsonl", "tensorboard"
 # whether each training of this process, by folder, has a checkpoint from which a later run can resume
@@ -169,6 +169,21 @@ def write_log(out: Path, lines: list[dict[str, Any]]) -> None:
     put(out / LOG, "".join(map(json_line, lines)).encode())
 
 
+def epoch_text(line: dict[str, Any]) -> str:
+    """Return the log's line of an epoch as text for the terminal.
+
+    Example:
+        >>> epoch_text({"epoch": 3, "loss": 0.51234, "train_accuracy": 0.75})
+        'epoch 3, loss 0.5123, train accuracy 0.75'
+    """
+    values = {name: _short(value) if isinstance(value, float) else value for name, value in line.items()}
+    return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
+
+
+def _short(value: float) -> str:
+    return f"{value:.4g}" if abs(value) < 1_000 else f"{value:.0f}"
+
+
 def add_to_log(out: Path, line: dict[str, Any]) -> None:
     """Append the line of an epoch to the log."""
     with named(out / LOG), append_own(out / LOG) as log:
@@ -221,7 +236,8 @@ def run(main: Callable[[], None], hint: str | None = None) -> None:
             checkpoint).
 
     Raises:
-        SystemExit: After an interrupt, OSError, ValueError or ImportError, such as for invalid data or settings.
+        SystemExit: After an interrupt, OSError, ValueError or ImportError, such as for invalid data or settings, and
+            after an error of another process.
 
     Example:
         >>> from nvsdata import training
@@ -235,7 +251,7 @@ def run(main: Callable[[], None], hint: str | None = None) -> None:
         hint = _hint() if hint is None else hint
         print(f"{end_of(error)}: {hint}" if hint else end_of(error), file=sys.stderr)
         sys.exit(exit_code(error))
-    except (OSError, ValueError, ImportError) as error:
+    except (OSError, ValueError, ImportError, ProcessFailed) as error:
         sys.exit(f"{Path(sys.argv[0]).name}: {message_of(error)}")
 
 

@@ -6,7 +6,6 @@ one, and processes that share the batches (torchrun) train like a single process
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
+from torch import distributed, nn
 from torch.nn.functional import cross_entropy
 from torch.nn.parallel import DistributedDataParallel
 
@@ -22,6 +21,7 @@ from nvsdata import models
 from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
 from nvsdata.common.validation import whole
+from nvsdata.datasets.sample_blocks import SampleBlocks
 from nvsdata.models.distributed import all_reduce_sum
 from nvsdata.training import runs
 from nvsdata.training.data import loader
@@ -67,7 +67,7 @@ class Trainer:
         ...     trainer = training.Trainer(model, optimizer, schedule, out, data={}, epochs=2, batch=2, team=team)
         ...     trainer.fit(dataset)["epoch"]  # doctest: +ELLIPSIS
         batch 2, smoothing 0.0
-        {"epoch": 1, ...
+        epoch 1, ...
         2
     """
 
@@ -118,6 +118,7 @@ class Trainer:
         evaluate: Callable[[int], dict[str, Any]] | None = None,
         patience: int | None = None,
         checkpoint_every: int | None = None,
+        blocks: SampleBlocks | None = None,
     ) -> dict[str, Any]:
         """Train the network, and select its weights by validation accuracy if `evaluate` returns one.
 
@@ -131,6 +132,7 @@ class Trainer:
             checkpoint_every: Number of steps after which a checkpoint is also written within an epoch (default None:
                 only after each epoch). The results of a resumed run are bit-identical with the same number of
                 processes; with other numbers, as far as sums in another order are.
+            blocks: Blocks of the random order, for slow storage; see `SeededBatches` (default None).
 
         Returns:
             The line of the epoch that the weights belong to.
@@ -151,8 +153,14 @@ class Trainer:
         batches: Iterator[Any] = iter(())
         if self.done < self.epochs:
             # the order of an epoch doesn't depend on where it begins
-            done = {"first": self.done, "last": self.epochs, "start": self.within.step if self.within else 0}
-            batches = iter(loader(train_set, self.batch, self.team, seed=self.seed, **done, shuffle=True))
+            done: dict[str, Any] = {
+                "first": self.done,
+                "last": self.epochs,
+                "start": self.within.step if self.within else 0,
+            }
+            batches = iter(
+                loader(train_set, self.batch, self.team, seed=self.seed, **done, shuffle=True, blocks=blocks)
+            )
         model: nn.Module = self.model
         if self.team.count > 1:
             model = DistributedDataParallel(self.model, broadcast_buffers=False)
@@ -163,6 +171,7 @@ class Trainer:
             # dropout masks depend on seed and epoch alone, so a resumed run samples the same ones
             torch.manual_seed(self.seed * 1_000_003 + epoch)
             line |= self._epoch(model, batches, steps, checkpoint_every)
+            self._equalize()
             self._check_finite(line["loss"])
             self.schedule.step()
             if evaluate is not None:
@@ -176,6 +185,15 @@ class Trainer:
         epoch, weights = self.best
         self.model.load_state_dict(weights)
         return self.lines[epoch - 1]
+
+    def _equalize(self) -> None:
+        """Copy statistics of layers other than nvsdata's from the first process, whose network is evaluated and saved.
+
+        Each process only has those of its parts of the batches.
+        """
+        if self.team.count > 1:
+            for buffer in self.model.buffers():
+                distributed.broadcast(buffer, 0)
 
     def _check_finite(self, loss: float) -> None:
         """Raise ValueError if the loss or a weight is NaN or infinite, so that no such state is saved."""
@@ -270,7 +288,7 @@ class Trainer:
         self._write()
         if self.team.rank:
             return
-        self.team.print(json.dumps(line))
+        self.team.print(runs.epoch_text(line))
         for see in self._watchers:
             see(line)
 

@@ -3,15 +3,19 @@
 Random transforms use torch's default generator, so they follow `torch.manual_seed` and a DataLoader's worker seeds.
 """
 
+from typing import TYPE_CHECKING
+
 from nvsdata.transforms.boxes import WithBoxes
 from nvsdata.transforms.compose import Compose, Each, RandomApply, RandomChoice
 from nvsdata.transforms.events.causal_filters import FirstOfBoxes, RateLimit, RefractoryPeriod
+from nvsdata.transforms.events.corners import Corners
 from nvsdata.transforms.events.crops import Crop, Downsample, resize_events
 from nvsdata.transforms.events.filters import BackgroundActivity, HotPixels
 from nvsdata.transforms.events.noise import SpatialJitter, UniformNoise
 from nvsdata.transforms.events.polarity import MergePolarities, RandomPolarityFlip, SelectPolarity
 from nvsdata.transforms.events.sampling import DropByArea, DropByTime, DropEvents, NonUniformSample, RandomRun
 from nvsdata.transforms.events.times import RandomTimeFlip, RandomTimeScale, RelativeTime, TimeJitter
+from nvsdata.transforms.events.undistort import Undistort
 from nvsdata.transforms.events.windows import (
     RandomWindow,
     RandomWindows,
@@ -38,6 +42,7 @@ from nvsdata.transforms.tensors.averaged_surfaces import HATS
 from nvsdata.transforms.tensors.bags import BagOfEvents, bag_weights
 from nvsdata.transforms.tensors.cascades import FilterCascade
 from nvsdata.transforms.tensors.event_frames import ToFrames
+from nvsdata.transforms.tensors.flow import PlaneFlow
 from nvsdata.transforms.tensors.frames import FourCrops, MedianDenoise, MotionCrop, RandomTemporalCrop, SlidingClips
 from nvsdata.transforms.tensors.histograms import MixedDensityStack, StackedHistogram
 from nvsdata.transforms.tensors.image import CenterCrop, EventImage, Normalize, RandomCrop, Resize
@@ -63,6 +68,7 @@ __all__ = [
     "Center",
     "CenterCrop",
     "Compose",
+    "Corners",
     "Crop",
     "Downsample",
     "DropByArea",
@@ -90,6 +96,7 @@ __all__ = [
     "Normalize",
     "Patch",
     "PatchMean",
+    "PlaneFlow",
     "Points",
     "RadiusGraph",
     "RandomAffine",
@@ -119,6 +126,7 @@ __all__ = [
     "TimeJitter",
     "TimeSurface",
     "ToFrames",
+    "Undistort",
     "UniformNoise",
     "VoxelGrid",
     "Window",
@@ -132,6 +140,30 @@ __all__ = [
     "window_length",
     "with_window_length",
 ]
+
+# names that other libraries have for these
+_ELSEWHERE = {
+    "ToFrame": "ToFrames(bins=...) or ToFrames(duration=...)",
+    "ToVoxelGrid": "VoxelGrid(bins)",
+    "ToTimesurface": "TimeSurface(tau)",
+    "ToAveragedTimesurface": "HATS()",
+    "ToImage": "EventImage()",
+    "Denoise": "BackgroundActivity(duration)",
+    "EventDrop": "DropEvents, DropByTime or DropByArea",
+    "DropEvent": "DropEvents(fraction)",
+    "DropPixel": "HotPixels",
+    "RandomFlipLR": "RandomFlip()",
+    "RandomHorizontalFlip": "RandomFlip()",
+    "MergePolarity": "MergePolarities()",
+}
+
+
+if not TYPE_CHECKING:  # which would take any name for known
+
+    def __getattr__(name: str) -> object:
+        ours = f"; it is {_ELSEWHERE[name]} here" if name in _ELSEWHERE else ""
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{ours}")
+
 
 for _kind in [thing for thing in list(globals().values()) if isinstance(thing, type)]:
     register_transform(_kind)

@@ -190,6 +190,22 @@ def is_deterministic(transform: object) -> bool:
     return bool(getattr(transform, "deterministic", False))
 
 
+def head_and_tail(transform: Callable[[Any], Any] | None) -> tuple[Compose, Compose]:
+    """Return the first, deterministic transforms of a pipeline, and all others; every nested Compose is flattened."""
+    steps = _steps(transform)
+    cut = next((i for i, step in enumerate(steps) if not is_deterministic(step)), len(steps))
+    return Compose(steps[:cut]), Compose(steps[cut:])
+
+
+def _steps(transform: Callable[[Any], Any] | None) -> list[Callable[[Any], Any]]:
+    if transform is None:
+        return []
+    # a subclass of Compose may call its transforms differently
+    if type(transform) is not Compose:
+        return [transform]
+    return [step for part in transform.transforms for step in _steps(part)]
+
+
 def _note(error: Exception, number: int, transform: Any, sample: Any) -> None:
     """Add a note that names the step that raised an error."""
     error.add_note(f"in step {number} of the pipeline, {transform!r}, given {type(sample).__name__}")

@@ -6,10 +6,13 @@ import ast
 from typing import Any, TypeVar
 
 from nvsdata.common.registry import Registry
+from nvsdata.data.camera_model import CameraModel
 
 Kind = TypeVar("Kind", bound=type)
 
 TRANSFORMS: Registry[type] = Registry("transform", "transforms", lambda _, kind: register_transform(kind))
+
+SETTINGS = {"CameraModel": CameraModel}  # plain data that transforms take, by their names in reprs
 
 
 def register_transform(kind: Kind) -> Kind:
@@ -49,7 +52,8 @@ def from_repr(text: str) -> Any:
     """Build a transform from its repr, without running code.
 
     Args:
-        text: Calls of registered transforms and literals, such as `"Compose([RandomWindow(duration=30000)])"`.
+        text: Calls of registered transforms, camera models and literals, such as
+            `"Compose([RandomWindow(duration=30000)])"`.
 
     Returns:
         The transform.
@@ -63,9 +67,12 @@ def from_repr(text: str) -> Any:
         VoxelGrid(bins=5, interpolation='linear')
     """
     try:
-        return _value(ast.parse(text.strip(), mode="eval").body)
+        built = _value(ast.parse(text.strip(), mode="eval").body)
     except (SyntaxError, RecursionError, MemoryError) as error:
         raise ValueError(f"not the repr of a transform: {text[:200]!r} ({error})") from None
+    if isinstance(built, tuple(SETTINGS.values())):
+        raise ValueError(f"not the repr of a transform, but of a setting: {text[:200]!r}")
+    return built
 
 
 def _value(node: ast.expr) -> Any:
@@ -87,6 +94,8 @@ def _value(node: ast.expr) -> Any:
 
 
 def _class_named(name: str) -> Any:
+    if name in SETTINGS:
+        return SETTINGS[name]
     try:
         return TRANSFORMS[name]
     except KeyError:

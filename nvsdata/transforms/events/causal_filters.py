@@ -30,7 +30,7 @@ class CausalFilter(ABC):
 
     @abstractmethod
     def _masks(self, width: int, height: int) -> Callable[..., np.ndarray]:
-        """Return a function of t, x and y of the next events that returns the mask of those to keep."""
+        """Return a function of t, x, y and p of the next events that returns the mask of those to keep."""
 
     def begin(self, sensor_size: tuple[int, int]) -> StreamFilter:
         """Return a function that takes the next events of a stream and returns those that are kept.
@@ -41,8 +41,8 @@ class CausalFilter(ABC):
         mask = self._masks(*sensor_size)
 
         def keep(events: Events) -> Events:
-            t, x, y, _ = check_inside(events, sensor_size).columns
-            return events.of(events.columns.take(mask(t, x, y)))
+            columns = check_inside(events, sensor_size).columns
+            return events.of(events.columns.take(mask(*columns)))
 
         return keep
 
@@ -79,7 +79,7 @@ class RefractoryPeriod(CausalFilter):
 
     def _masks(self, width: int, height: int) -> Callable[..., np.ndarray]:
         last, period = zeros((width, height), (height, width), np.int64, NEVER), min(int(self.period), LATEST)
-        return lambda t, x, y: not_refractory(t, x, y, period, last)
+        return lambda t, x, y, p: not_refractory(t, x, y, period, last)
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class FirstOfBoxes(CausalFilter):
         shape = -(-height // self.side), -(-width // self.side)
         box, count = zeros((width, height), shape, np.int64, NEVER), zeros((width, height), shape, np.int64)
         limits = int(self.side), min(int(self.duration), LATEST), int(self.k)
-        return lambda t, x, y: first_of_boxes(t, x, y, *limits, box, count)
+        return lambda t, x, y, p: first_of_boxes(t, x, y, *limits, box, count)
 
 
 @dataclass(frozen=True)
@@ -162,4 +162,4 @@ class RateLimit(CausalFilter):
         due = zeros((width, height), shape, np.int64, NEVER)
         # an integer, so that the same events are kept no matter how the stream is cut
         interval = min(round(1e6 / self.rate), LATEST // (2 * self.burst))
-        return lambda t, x, y: within_rate(t, x, y, int(self.side), interval, int(self.burst), due)
+        return lambda t, x, y, p: within_rate(t, x, y, int(self.side), interval, int(self.burst), due)

@@ -123,7 +123,7 @@ def downsampled_size(sensor_size: tuple[int, int], factor: int) -> tuple[int, in
 
 
 def resize_events(events: Moving, width: int, height: int) -> Moving:
-    """Scale events, or boxes, to a sensor of another size. Unlike with `Resize`, the aspect ratio may change.
+    """Scale events, or boxes, to a sensor of another size; `Resize((height, width))` is the transform.
 
     Args:
         events: The events or boxes.

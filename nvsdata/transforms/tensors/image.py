@@ -59,33 +59,43 @@ class EventImage:
 
 @dataclass(frozen=True)
 class Resize(SpatialTransform):
-    """Scale so that the smaller side has `size` pixels; keep the aspect ratio. Images are interpolated bilinearly.
+    """Scale images, which are interpolated bilinearly, or sensors.
 
     Args:
-        size: Length of the smaller side in pixels (default 256, as in the thesis).
+        size: Length of the smaller side in pixels (default 256, as in the thesis), which keeps the aspect ratio; or
+            (height, width) in pixels, as in torchvision.
 
     Returns:
         Images or `Events`. The call takes images [..., H, W]; or `Events`, a `Recording` or a list of these.
 
     Raises:
-        ValueError: `size` isn't a positive integer, or a sensor would have more than 32,767 pixels along an axis.
+        ValueError: `size` isn't a positive integer or two, or a sensor would have more than 32,767 pixels along an
+            axis.
 
     Example:
         >>> import nvsdata
         >>> from nvsdata import transforms as T
         >>> T.Resize(90)(nvsdata.example()).sensor_size
         (120, 90)
+        >>> T.Resize((64, 80))(nvsdata.example()).sensor_size
+        (80, 64)
     """
 
-    size: int = 256
+    size: int | tuple[int, int] = 256
     deterministic: ClassVar[bool] = True
     images: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        whole("size", self.size, 1)
+        sides = self.size if isinstance(self.size, list | tuple) else (self.size,)
+        if not 1 <= len(sides) <= 2:
+            raise ValueError(f"size must be one number, or a height and a width, not {self.size}")
+        for side in sides:
+            whole("size", side, 1)
+        # a hashable value with one repr; a sequence of one number means the smaller side, as in torchvision
+        object.__setattr__(self, "size", int(sides[0]) if len(sides) == 1 else (int(sides[0]), int(sides[1])))
 
     def _change(self, sample: Any) -> Change:
-        return lambda part: _resized(part, int(self.size))
+        return lambda part: _resized(part, self.size)
 
 
 @dataclass(frozen=True)
@@ -218,11 +228,11 @@ def _square(image: Image, x: int, y: int, size: int) -> Image:
     return image[..., y : y + size, x : x + size]
 
 
-def _resized(image: Image, size: int) -> Image:
-    """Scale the smaller side to `size`; see `Resize`."""
+def _resized(image: Image, size: int | tuple[int, int]) -> Image:
+    """Scale the smaller side to `size`, or both; see `Resize`."""
     width, height = _size(image)
     smaller = min(height, width)
-    tall, wide = round(height * size / smaller), round(width * size / smaller)
+    tall, wide = (round(side * size / smaller) for side in (height, width)) if isinstance(size, int) else size
     if isinstance(image, Events | Boxes):
         return resize_events(image, wide, tall)
     check_image(image, floats=image.dtype != torch.uint8)
