@@ -2,6 +2,7 @@ from . import compat, datasets, emulation, formats, metrics, models, plots, tran
 from ._version import __version__ as __version__
 from .common.errors import FormatError
 from .data.batching import collate
+from .data.camera_model import CameraModel
 from .data.events import Events
 from .data.graph import Graph, GraphBatch
 from .data.recording import Recording
@@ -21,13 +22,18 @@ from .datasets import (
     NCaltech101,
     SeededBatches,
     SeededDataset,
+    SequenceBatches,
 )
 from .datasets.cache.cached import cache
+from .datasets.precomputed import Precomputed
+from .datasets.store.joining import join
+from .datasets.store.precompute import precompute
 from .datasets.store.writer import pack
 from .datasets.windows import windows
 from .emulation import PIX2NVS
 from .emulation.example import example
 from .formats import open, read, write
+from .formats.cameras.layouts import read_camera
 from .plots.show import plot
 
 __all__ = [
@@ -42,6 +48,7 @@ __all__ = [
     "UCF50DVS",
     "UCF101DVS",
     "YUPENNDVS",
+    "CameraModel",
     "DVS128Gesture",
     "EventFolder",
     "Events",
@@ -49,9 +56,11 @@ __all__ = [
     "Graph",
     "GraphBatch",
     "NCaltech101",
+    "Precomputed",
     "Recording",
     "SeededBatches",
     "SeededDataset",
+    "SequenceBatches",
     "cache",
     "collate",
     "compat",
@@ -59,13 +68,16 @@ __all__ = [
     "emulation",
     "example",
     "formats",
+    "join",
     "metrics",
     "models",
     "open",
     "pack",
     "plot",
     "plots",
+    "precompute",
     "read",
+    "read_camera",
     "transforms",
     "windows",
     "write",

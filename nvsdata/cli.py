@@ -36,6 +36,10 @@ COMMANDS = {
     "datasets": Command("datasets", "list the datasets: sensor, size, license, and location or source"),
     "download": Command("download", "download and unpack a dataset, or explain how to get it manually"),
     "pack": Command("pack", "pack all recordings of a dataset into one file; exit code 1 if any is left out"),
+    "precompute": Command("precompute", "make graphs or frames of a whole dataset once, and store them in one file"),
+    "join": Command("join", "join shards that `pack` or `precompute` made, on any machines, into one store"),
+    "push": Command("push", "copy packed stores to an object store or a hub, with a dataset card"),
+    "fetch": Command("fetch", "copy a packed store from a URL; an interrupted copy is resumed"),
     "convert": Command("convert", "convert a recording to another format"),
     "convert-videos": Command(
         "convert_videos", "convert videos to events with PIX2NVS or a DVS pixel model; class folders are kept"
@@ -48,6 +52,11 @@ COMMANDS = {
         "verify", "check every recording, and report damaged and missing ones; exit code 1 if there are any"
     ),
     "cache": Command("cache", "show the disk usage of caches, or remove them"),
+}
+# what isn't a command, but may be looked for
+ELSEWHERE = {
+    "train": "networks are trained by recipes, scripts in the repository's folder `recipes`: "
+    "python recipes/train_objects.py --help",
 }
 CODES = (
     "exit codes: 0 success, 1 an error, or data is damaged or missing, 2 wrong usage, "
@@ -101,6 +110,8 @@ def _run(words: Sequence[str]) -> int:
         with ending_by_signals():
             parser = _parser(called)
             _complete(parser)
+            if called in ELSEWHERE:
+                parser.error(f"there is no command {called!r}: {ELSEWHERE[called]}")
             args, left = parser.parse_known_args(words)
             if left:
                 # an error of the command's parser names the help of the command
@@ -150,6 +161,8 @@ def _verbosity(args: argparse.Namespace) -> Iterator[None]:
     handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
     level = log.level
     be_quiet(args.quiet)
+    if args.quiet:
+        log.setLevel(logging.ERROR)
     if args.verbose:
         log.addHandler(handler)
         log.setLevel(logging.DEBUG)

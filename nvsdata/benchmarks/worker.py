@@ -14,6 +14,7 @@ from nvsdata.benchmarks.measurement import OURS
 from nvsdata.common.errors import line_of
 from nvsdata.common.processes import end_with_parent
 
+THREADS = "OMP_NUM", "MKL_NUM", "OPENBLAS_NUM", "RAYON_NUM", "POLARS_MAX"  # names in the environment, without _THREADS
 LONG = 1.0  # s, after which a call isn't repeated needlessly
 
 
@@ -37,7 +38,7 @@ def serve(connection: Connection, task: str, options: Options, library: str) -> 
     """
     end_with_parent()
     # every library computes on one core
-    os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
+    os.environ.update(dict.fromkeys((f"{name}_THREADS" for name in THREADS), "1"))
     from nvsdata.benchmarks.tasks import cases_of
 
     cases = {case.key: case for case in cases_of(task, options) if case.library == library}

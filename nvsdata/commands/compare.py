@@ -55,14 +55,14 @@ def compare_files(
     check_place(image)
     a, b = (formats.read(path, sensor_size=size) for path in (emulated, real))
     found = metrics.compare(a, b, fps, offset=offset)
-    rows = [("distance", "A to B", "B to A", "frames", "empty in A", "empty in B")]
-    for name, there, back in (
-        ("Chamfer", found.chamfer, found.chamfer_back),
-        ("e-repeatability", found.repeatability, found.repeatability_back),
-        ("EMD", found.emd, found.emd),
+    rows = [("distance", "A to B", "B to A", "closer if", "frames", "empty in A", "empty in B")]
+    for name, there, back, closer in (
+        ("Chamfer", found.chamfer, found.chamfer_back, "lower"),
+        ("e-repeatability", found.repeatability, found.repeatability_back, "higher"),
+        ("EMD", found.emd, found.emd, "lower"),
     ):
         used, empty = str(there.used), (str(there.empty_emulated), str(there.empty_real))
-        rows.append((name, f"{there.value:.4f}", f"{back.value:.4f}", used, *empty))
+        rows.append((name, f"{there.value:.4f}", f"{back.value:.4f}", closer, used, *empty))
     counts = [("events", "A", "B", "A / B")]
     for name, ours, theirs in zip(("OFF", "ON"), found.emulated_events, found.real_events, strict=True):
         counts.append((name, f"{ours:,}", f"{theirs:,}", f"{ours / theirs:.3f}" if theirs else ""))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from nvsdata.commands.options import add_json, path, sensor_size, usage
 from nvsdata.common.errors import shown
-from nvsdata.common.terminal import tell
+from nvsdata.common.terminal import remark, tell
 
 if TYPE_CHECKING:
     from nvsdata.data.events import Events
@@ -66,6 +66,9 @@ def run(args: argparse.Namespace) -> int:
             args.source.unlink()
     for what, count in recording.repairs.items():
         print(f"{shown(args.source)}: {count} {what}", file=sys.stderr)
+    if recording.size_is_guessed:
+        size = "{}x{}".format(*recording.sensor_size)
+        remark(f"{shown(args.source)}: the sensor size {size} is guessed from the events: --sensor-size states it")
     facts = {"events": written, "out": args.target, "repairs": recording.repairs, "left_out": lost}
     tell(f"{written:,} events in {shown(args.target)}", facts, as_json=args.json)
     return 0

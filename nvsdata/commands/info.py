@@ -12,6 +12,11 @@ from nvsdata.commands.options import add_json, path
 from nvsdata.common.errors import message_of, shown
 from nvsdata.common.terminal import tell
 
+GUESSED = (
+    ", guessed from the events: the file doesn't state it\n"
+    "             state it by `nvsdata convert --sensor-size WxH` or `nvsdata.read(path, sensor_size=(W, H))`"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
@@ -25,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     for file in args.files:
         try:
             facts = recording_facts(file)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, ImportError) as error:
             print(message_of(error), file=sys.stderr)
             code = 1
         else:
@@ -36,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 def recording_facts(file: Path) -> dict[str, Any]:
     """Return the facts of a recording by name: format, sensor size, number of events, times, fraction of ON, anomalies.
 
-    Times are in µs.
+    Times are in µs. `size_is_guessed` is True if the file states no sensor size.
 
     Args:
         file: The recording.
@@ -46,17 +51,19 @@ def recording_facts(file: Path) -> dict[str, Any]:
         FileNotFoundError: There is no such file.
     """
     recording = formats.open(file)
+    anomalies = recording.anomalies()
     events = recording.read()
     some = len(events) > 0
     return {
         "file": str(file),
         "format": recording.format,
         "sensor_size": recording.sensor_size,
+        "size_is_guessed": recording.size_is_guessed,
         "events": len(events),
         "first": int(events.t[0]) if some else None,
         "last": int(events.t[-1]) if some else None,
         "on": float(events.p.mean()) if some else None,
-        "anomalies": {what: count for what, count in recording.anomalies().items() if count},
+        "anomalies": {what: count for what, count in anomalies.items() if count},
     }
 
 
@@ -65,7 +72,7 @@ def describe(facts: dict[str, Any]) -> str:
     lines = [
         shown(facts["file"]),
         f"  format     {facts['format']}",
-        "  sensor     {}x{}".format(*facts["sensor_size"]),
+        "  sensor     {}x{}".format(*facts["sensor_size"]) + (GUESSED if facts["size_is_guessed"] else ""),
         f"  events     {facts['events']:,}",
     ]
     if facts["events"]:

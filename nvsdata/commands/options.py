@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from nvsdata.remote.url import Url, place_of
+
 
 class UsageError(ValueError):
     """Wrong combination of options; the command ends with exit code 2, as for unknown options."""
@@ -29,6 +31,11 @@ class Help(argparse.HelpFormatter):
 def path(text: str) -> Path:
     """Parse a path, and expand ~, which shells don't do in `--out=~/folder`."""
     return Path(text).expanduser()
+
+
+def path_or_url(text: str) -> Path | Url:
+    """Parse a path, with ~ expanded, or a URL: a text with "://"."""
+    return place_of(text)
 
 
 def sensor_size(text: str) -> tuple[int, int]:
@@ -109,6 +116,14 @@ def add_json(add: Callable[..., Any], what: str = "the result as a line of JSON"
 def add_jobs(add: Callable[..., Any], what: str, default: int = 1) -> None:
     """Add the option `--jobs` for a number of processes or threads."""
     add("--jobs", type=at_least_1, default=default, metavar="N", help=what)
+
+
+def add_workers(add: Callable[..., Any], what: str) -> None:
+    """Add the options `--jobs` and `--scheduler` of commands that do `what` with many recordings."""
+    add_jobs(add, f"number of processes that {what}")
+    add(
+        "--scheduler", metavar="ADDRESS", help=f"{what} on the Dask cluster at this address (default: on this computer)"
+    )
 
 
 def shard(text: str) -> tuple[int, int]:

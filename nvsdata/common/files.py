@@ -32,7 +32,7 @@ _LONGEST = 100  # characters of a file's name that its temporary file's name con
 
 
 @contextmanager
-def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Iterator[Path]:
+def atomic(path: str | os.PathLike[str], *, through_link: bool = False, flush: bool = True) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`; it replaces `path` if the block succeeds.
 
     On any exception, including Ctrl-C, the temporary file is removed and `path` is unchanged.
@@ -41,6 +41,8 @@ def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Itera
         path: the file to write.
         through_link: whether to write to the file that a link at `path` points to; for paths that the user named.
             Otherwise the link is replaced: in a folder from somebody else, it could point to any file of the user's.
+        flush: whether the content must be on the disk before the file appears. A file with checksums that can be made
+            again doesn't need that.
 
     Raises:
         FileNotFoundError: the folder doesn't exist; the error names it.
@@ -54,7 +56,7 @@ def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Itera
     try:
         with named(path):
             yield temporary
-            _settle(temporary, target)
+            _settle(temporary, target, flush)
             os.replace(temporary, target)
     except BaseException:
         # an error of `unlink` must not hide this one; on Windows an open file stays, and `sweep` removes it later
@@ -247,8 +249,8 @@ def _open_own(path: str, flags: int) -> int:
     return handle
 
 
-def _settle(temporary: Path, target: Path) -> None:
-    """Flush `temporary` to disk, and give it the permissions of `target` or, if that is new, of any new file."""
+def _settle(temporary: Path, target: Path, flush: bool) -> None:
+    """Give `temporary` the permissions of `target` or, if that is new, of any new file; flush it to disk if asked."""
     try:
         mode = stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -256,8 +258,9 @@ def _settle(temporary: Path, target: Path) -> None:
         os.umask(umask)
         mode = 0o666 & ~umask
     os.chmod(temporary, mode)
-    with temporary.open("rb+") as file:
-        os.fsync(file.fileno())
+    if flush:
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
 
 
 class Journal:

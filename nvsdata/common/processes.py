@@ -1,16 +1,17 @@
-"""Pools of processes that end with this one, and the number of usable cores."""
+"""Processes that end with this one, and the number of usable cores."""
 
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from functools import partial
-from multiprocessing import get_all_start_methods, get_context, parent_process
-from multiprocessing.connection import wait
+from multiprocessing import Pipe, get_all_start_methods, get_context, parent_process
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 
 def cores() -> int:
@@ -25,29 +26,55 @@ def cores() -> int:
     return count
 
 
-def process_pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
-    """Return a pool of processes that end when this process does, even if it is killed.
+def connected_process(
+    target: Callable[[Connection, Any], None], given: Any, module: str
+) -> tuple[BaseProcess, Connection]:
+    """Start a process that calls `target` with a connection and `given`; return it and the connection's other end.
 
-    Forking a process that has threads (such as torch's) may hang. So the processes are forked from a server process
-    that has only imported `module`; starting the server takes a second. On systems without a fork server, each process
-    imports `module`.
+    The process ends when this one does, even if this one is killed. Forking a process that has threads (such as
+    torch's) may hang. So the process is forked from a server process that has only imported `module`; starting the
+    server takes a second. On systems without a fork server, the process imports `module`.
 
     Args:
-        count: number of processes.
-        module: name of the module that is imported before the processes are forked.
-        prepare: function that each process calls first (default None).
+        target: function that the process calls.
+        given: what it is called with.
+        module: name of the module that is imported before the first process is forked.
     """
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
-    context = get_context(method)
+    context: Any = get_context(method)
     if method == "forkserver":
         context.set_forkserver_preload([module])
-    return ProcessPoolExecutor(count, mp_context=context, initializer=partial(_begin, prepare))
+        _start_server()
+    own, its = Pipe()
+    process = context.Process(target=_begin, args=(target, its, given), daemon=True)
+    try:
+        process.start()
+    finally:
+        # the only one is then in the process, so `own` shows when it has ended
+        its.close()
+    return process, own
 
 
-def _begin(prepare: Callable[[], None] | None) -> None:
+def _start_server() -> None:
+    """Start the fork server with Ctrl-C blocked, as its processes inherit: none ends with a traceback while it imports.
+
+    This process, which handles Ctrl-C, ends them.
+    """
+    # not on Windows
+    from multiprocessing import forkserver, resource_tracker
+
+    # the server starts it, too, and then Ctrl-C would no longer be blocked
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin(target: Callable[[Connection, Any], None], connection: Connection, given: Any) -> None:
     end_with_parent()
-    if prepare is not None:
-        prepare()
+    target(connection, given)
 
 
 def end_with_parent() -> None:

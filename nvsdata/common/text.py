@@ -1,4 +1,4 @@
-"""Tables and HTML from text that may contain any characters."""
+"""Tables and HTML from text that may contain any characters, and names without their spelling."""
 
 from __future__ import annotations
 
@@ -38,3 +38,8 @@ def as_script(value: object) -> str:
     No string in it can end the element.
     """
     return json.dumps(value).replace("<", "\\u003c")
+
+
+def plain_name(name: str) -> str:
+    """Return a name in lower case without spaces and punctuation, so that spellings of it compare equal."""
+    return "".join(c for c in name.lower() if c.isalnum())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from nvsdata.batch.folder import videos_in
 from nvsdata.batch.run import FolderReport, FolderRun
-from nvsdata.batch.scheduler import as_done
+from nvsdata.batch.scheduler import as_done, in_shard
 from nvsdata.batch.shards import open_manifest
 from nvsdata.common.progress import bar
 from nvsdata.emulation.job import Job, convert
@@ -171,10 +171,7 @@ def plan(
     """Return the jobs of `convert_videos` with the same parameters; nothing is written."""
     target = Path(out or default_out(source))
     videos = videos_in(Path(source), target, format, limit)
-    first, step = (0, 1) if shard is None else (shard[0] - 1, shard[1])
-    if not (step >= 1 and 0 <= first < step):
-        raise ValueError(f"shard must be (i, n) with 1 <= i <= n, not {shard}")
-    jobs = [Job(video, settings, size, fps, view) for video in videos[first::step]]
+    jobs = [Job(video, settings, size, fps, view) for video in in_shard(videos, shard)]
     if format == "aedat2":
         _check_chip(jobs)
     return jobs

@@ -27,10 +27,10 @@ def example(seed: int = 0) -> Events:
         >>> example().sensor_size
         (240, 180)
     """
-    return DVS(noise_rate=0.5, mismatch=0.03, seed=seed).emulate(_frames(), fps=FPS)
+    return DVS(noise_rate=0.5, mismatch=0.03, seed=seed).emulate(example_frames(), fps=FPS)
 
 
-def _frames() -> Iterator[np.ndarray]:
+def example_frames() -> Iterator[np.ndarray]:
     """Yield the frames, gray uint8 [180, 240]; drawn point by point, so that they are the same on all systems."""
     for share in np.linspace(0, 1, round(DURATION * FPS) + 1):
         canvas = np.full((FINE * SIZE[1], FINE * SIZE[0]), 60, np.int16)

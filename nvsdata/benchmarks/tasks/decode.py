@@ -16,6 +16,7 @@ import scipy.io
 from nvsdata import formats
 from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.benchmarks.inputs import random_events, sensor_recording
+from nvsdata.benchmarks.peers.readers import READERS, differing
 from nvsdata.data.events import Events
 
 SIZE = 128, 128
@@ -38,7 +39,7 @@ def _entire_files(options: Options) -> Iterator[Case]:
         case = partial(Case, "decode", f"a file of {suffix}", size={"events": amount}, error_kind=DIFFERENT)
         yield case(partial(_read, options, suffix, amount, _ours), default=True)
         yield case(partial(_copy, options, suffix, amount), library="copy of the bytes")
-        for library, reader in PEERS.get(suffix, {}).items():
+        for library, reader in READERS.get(suffix, {}).items():
             yield case(partial(_read, options, suffix, amount, reader), library=library, package=library.split()[0])
 
 
@@ -140,85 +141,8 @@ def _inflated(path: Path) -> Callable[[], Any]:
     return lambda: [zlib.decompress(piece) for piece in pieces]
 
 
-def differing(events: Events, found: Any) -> float:
-    """Count the events that differ; if the numbers of events differ, return their difference."""
-    theirs = found.columns if isinstance(found, Events) else _columns(found)
-    if len(theirs[0]) != len(events):
-        return float(abs(len(theirs[0]) - len(events)))
-    wrong = np.zeros(len(events), bool)
-    for ours, other in zip(events.columns, theirs, strict=True):
-        wrong |= ours != other
-    return float(np.count_nonzero(wrong))
-
-
-def _columns(found: Any) -> tuple[np.ndarray, ...]:
-    """Return t, x, y and p from another library's structured array, or from a dict of columns."""
-    names = found if isinstance(found, dict) else found.dtype.names
-    return tuple(np.asarray(found[next(n for n in names if n in any_)]).astype(np.int64) for any_ in NAMES)
-
-
-NAMES = ("t", "ts", "timestamp"), ("x",), ("y",), ("p", "on", "polarity")
-
-
 def _ours(path: Path) -> Callable[[], Events]:
     return lambda: formats.read(path, sensor_size=SIZE)
-
-
-def _expelliarmus(kind: str, path: Path) -> Callable[[], Any]:
-    from expelliarmus import Wizard
-
-    wizard = Wizard(kind)
-    return lambda: wizard.read(str(path))
-
-
-def _faery(path: Path) -> Callable[[], Any]:
-    import faery
-
-    def run() -> Any:
-        return faery.events_stream_from_file(path).to_array()
-
-    return run
-
-
-def _aedat(path: Path) -> Callable[[], Any]:
-    import aedat
-
-    def run() -> Any:
-        packets = [packet["events"] for packet in aedat.Decoder(path) if "events" in packet]
-        return np.concatenate(packets)
-
-    return run
-
-
-def _tonic_digits(path: Path) -> Callable[[], Any]:
-    from tonic import io
-
-    kind = np.dtype([("x", int), ("y", int), ("t", int), ("p", int)])
-    return lambda: io.read_mnist_file(str(path), kind)
-
-
-def _tonic_aedat(version: float, shifts: tuple[int, int, int], path: Path) -> Callable[[], Any]:
-    """Read with parts of tonic: the readers of tonic 1.7.0 raise an error on the result of its own header reader."""
-    from tonic import io
-
-    def run() -> Any:
-        start = io.read_aedat_header_from_file(str(path))[1]
-        raw = io.get_aer_events_from_file(str(path), version, start)
-        x, y, p = (raw["address"] >> shift & mask for shift, mask in zip(shifts, (127, 127, 1), strict=True))
-        return io.make_structured_array(x, y, raw["timeStamp"], p)
-
-    return run
-
-
-PEERS: dict[str, dict[str, Callable[[Path], Callable[[], Any]]]] = {
-    ".bin": {"tonic": _tonic_digits},
-    ".dat": {"expelliarmus": partial(_expelliarmus, "dat"), "faery": _faery},
-    ".aedat": {"tonic": partial(_tonic_aedat, 2.0, (8, 1, 0))},
-    ".aedat3": {"tonic": partial(_tonic_aedat, 3.1, (17, 2, 1))},
-    ".aedat4": {"aedat": _aedat, "faery": _faery},
-    ".evt2.raw": {"expelliarmus": partial(_expelliarmus, "evt2"), "faery": _faery},
-    ".evt3.raw": {"expelliarmus": partial(_expelliarmus, "evt3"), "faery": _faery},
-}
 
 
 def _window(options: Options, suffix: str, count: int, fraction: float) -> PreparedCase:

@@ -28,7 +28,7 @@ def _windows(options: Options) -> Iterator[Case]:
     for name, source in (("N-MNIST", _digit), ("a DAVIS240", _scene)):
         case = partial(Case, "graph", f"a window of {name} to a graph", error_kind=DIFFERENT)
         yield case(partial(_ready, options, source, T.RadiusGraph()), default=True)
-        yield case(partial(_ready, options, source, _by_torch_cluster), library="torch_cluster")
+        yield case(partial(_ready, options, source, _by_pyg), library="torch_geometric")
         yield case(partial(_ready, options, source, _by_tree), library="scipy")
         knn = partial(Case, "graph", f"a window of {name} to a nearest-neighbor graph")
         yield knn(partial(_ready, options, source, T.KNNGraph(), checked=False))
@@ -104,7 +104,7 @@ def _ready(
     checked: bool = True,
 ) -> PreparedCase:
     events = source(options)
-    run = transform(events) if transform in (_by_torch_cluster, _by_tree) else partial(transform, events)
+    run = transform(events) if transform in (_by_pyg, _by_tree) else partial(transform, events)
     counters = None if checked or isinstance(transform, T.NonUniformSample) else _edges
     return PreparedCase(run, partial(_differing, events) if checked else None, counters=counters)
 
@@ -136,22 +136,10 @@ def _edges_of_all_pairs(events: Events) -> set[int]:
     return found
 
 
-def _by_torch_cluster(events: Events) -> Callable[[], Any]:
-    """Return a function that makes edges and Cartesian pseudo-coordinates with PyTorch Geometric."""
-    import torch
-    import torch_cluster
-    from torch_geometric.data import Data
-    from torch_geometric.transforms import Cartesian
+def _by_pyg(events: Events) -> Callable[[], Any]:
+    from nvsdata.benchmarks.peers.pyg import radius_graphs
 
-    attributes = Cartesian(max_value=RADIUS)
-
-    def run() -> Any:
-        scaled = (events.t - events.start) * BETA**0.5
-        pos = torch.from_numpy(np.stack([events.x, events.y, scaled], 1).astype(np.float32))
-        edges = torch_cluster.radius_graph(pos, RADIUS, max_num_neighbors=DEGREE)
-        return attributes(Data(x=torch.from_numpy(events.p * 2.0 - 1), pos=pos[:, :2], edge_index=edges))
-
-    return run
+    return radius_graphs(events, RADIUS, DEGREE, BETA)
 
 
 def _by_tree(events: Events) -> Callable[[], Any]:

@@ -39,7 +39,7 @@ def _splines(options: Options) -> Iterator[Case]:
         yield case(partial(_spline, options, channels, _ours), default=True)
         if not options.quick or channels in CHANNELS[:2]:
             # it takes minutes for larger ones
-            yield case(partial(_spline, options, channels, _torch_spline), library="torch_spline_conv")
+            yield case(partial(_spline, options, channels, partial(_by_pyg, channels)), library="torch_geometric")
         yield case(partial(_spline, options, channels, _gathered), library="torch, gather and scatter", package="torch")
 
 
@@ -101,16 +101,10 @@ def _ours() -> Convolution:
     return lambda x, edges, u, w: spline_sum(x.new_zeros(x.shape[0], w.shape[2]), x, edges, u, w, KERNEL)
 
 
-def _torch_spline() -> Convolution:
-    from torch_spline_conv import spline_conv as theirs
+def _by_pyg(channels: tuple[int, int]) -> Convolution:
+    from nvsdata.benchmarks.peers.pyg import spline_layer
 
-    def run(x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, w: torch.Tensor) -> torch.Tensor:
-        size = torch.tensor([KERNEL, KERNEL], device=x.device)
-        # its edges have the target first
-        out: torch.Tensor = theirs(x, edges.flip(0), u, w, size, torch.ones_like(size, dtype=torch.uint8), 1, True)
-        return out
-
-    return run
+    return spline_layer(*channels, KERNEL)
 
 
 def _gathered() -> Convolution:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import cycle
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,11 @@ from nvsdata import formats
 from nvsdata import transforms as T
 from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.benchmarks.inputs import DIGITS, digits
+from nvsdata.benchmarks.measurement import OURS
 from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
 from nvsdata.datasets import ASLDVS, NMNIST
+from nvsdata.datasets.cache.cached import cache
 from nvsdata.datasets.source import INDEX
 from nvsdata.datasets.store.writer import pack
 
@@ -32,12 +34,18 @@ def cases(options: Options) -> list[Case]:
 
 
 def _frames(options: Options) -> Iterator[Case]:
-    size = {"recordings": _count(options)}
-    for workers in (0, 2):
-        benchmark = f"frames of all recordings, {workers} workers"
-        case = partial(Case, "load", benchmark, settings={"workers": workers}, size=size, error_kind=KIND)
-        yield case(partial(_epoch, options, workers, _ours), default=True)
-        yield case(partial(_epoch, options, workers, _Theirs), library="tonic")
+    for (kept, makers), workers in product({"": _MADE, " from a cache": _KEPT}.items(), (0, 2)):
+        for library, make in makers.items():
+            yield Case(
+                *("load", f"frames of all recordings{kept}, {workers} workers"),
+                partial(_epoch, options, workers, make, library),
+                library,
+                settings={"workers": workers},
+                size={"recordings": _count(options)},
+                default=library == OURS,
+                error_kind=KIND,
+                package=library.split(",")[0],
+            )
 
 
 def _workers(options: Options) -> Iterator[Case]:
@@ -87,7 +95,7 @@ def _written(root: Path, events: list[Events], count: int) -> Path:
     return root
 
 
-def _epoch(options: Options, workers: int, make: Callable[[Path], Any]) -> PreparedCase:
+def _epoch(options: Options, workers: int, make: Callable[[Path], Any], library: str) -> PreparedCase:
     from torch.utils.data import DataLoader
 
     dataset = make(folder(options))
@@ -98,7 +106,7 @@ def _epoch(options: Options, workers: int, make: Callable[[Path], Any]) -> Prepa
 
     given = digits(options, 100)
     expected = sum(_counts(given[n % len(given)]) for n in range(len(dataset)))
-    if make is _Theirs:
+    if library != OURS:
         # OFF first
         expected = expected[:, ::-1]
     return PreparedCase(run, lambda found: float(np.abs(found - expected).max()))
@@ -116,23 +124,22 @@ def _ours(root: Path) -> Any:
     return NMNIST(root, "all", transform=T.ToFrames(BINS))
 
 
-class _Theirs:
-    """Dataset of the same files, which tonic reads and converts to frames."""
+def _ours_kept(root: Path) -> Any:
+    return cache(_ours(root), root.parent / "cache")
 
-    def __init__(self, root: Path) -> None:
-        from tonic import datasets, transforms
 
-        self.same, self.kind = NMNIST(root, "all"), datasets.NMNIST.dtype
-        self.frames = transforms.ToFrame(sensor_size=(*DIGITS, 2), n_time_bins=BINS)
+def _tonic(kind: str, root: Path) -> Any:
+    from nvsdata.benchmarks.peers import digits as theirs
 
-    def __len__(self) -> int:
-        return len(self.same)
+    return getattr(theirs, kind)(root, BINS)
 
-    def __getitem__(self, index: int) -> tuple[Any, int]:
-        from tonic.io import read_mnist_file
 
-        events = read_mnist_file(self.same.root / self.same.samples[index].name, dtype=self.kind)
-        return np.asarray(self.frames(events), np.float32), self.same.targets[index]
+_MADE: dict[str, Callable[[Path], Any]] = {OURS: _ours, "tonic": partial(_tonic, "Digits")}
+_KEPT: dict[str, Callable[[Path], Any]] = {
+    OURS: _ours_kept,
+    "tonic": partial(_tonic, "on_disk"),
+    "tonic, in memory": partial(_tonic, "in_memory"),
+}
 
 
 def _graphs(options: Options, workers: int) -> PreparedCase:

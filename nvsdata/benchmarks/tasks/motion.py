@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from nvsdata.benchmarks.case import Case, Options, PreparedCase
+from nvsdata.benchmarks.peers.emulators import EMULATORS as PEERS
+from nvsdata.benchmarks.peers.emulators import events_of
 from nvsdata.data.events import Events
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.emulation.correlation import pixel_index
@@ -27,8 +30,8 @@ KIND = "median ms between a pixel's k-th ON or OFF event and the ideal sensor's"
 
 
 def cases(options: Options) -> list[Case]:
-    """Return a case for each emulator and frame rate."""
-    return list(_by_rate(options))
+    """Return a case for each emulator and frame rate, and those of other libraries."""
+    return [*_by_rate(options), *_peers()]
 
 
 def _by_rate(options: Options) -> Iterator[Case]:
@@ -43,19 +46,38 @@ def _by_rate(options: Options) -> Iterator[Case]:
         )
 
 
+def _peers() -> Iterator[Case]:
+    """Yield cases of a motion at 100 frames per second, which most emulators take for a smooth one."""
+    case = partial(Case, "motion", "a known motion to events, 100 frames per second", error_kind=KIND)
+    for name in EMULATORS:
+        yield case(partial(_ready, name, 100), settings={"emulator": name}, default=name == "DVS")
+    for library in PEERS:
+        yield case(partial(_peer, library, 100), library=library)
+
+
 def _ready(name: str, rate: int) -> PreparedCase:
-    frames = [VideoFrame(time, np.rint(scene(time)).astype(np.uint8)) for time in _times(1e6 / rate)]
-    exact = ideal().window(0, frames[-1].time + 1)
-    percent = partial(_percent, len(exact))
+    return _compared(partial(EMULATORS[name].emulate, _frames(rate)), rate)
+
+
+def _peer(library: str, rate: int) -> PreparedCase:
+    return _compared(PEERS[library](_frames(rate), ON, OFF), rate)
+
+
+def _frames(rate: int) -> list[VideoFrame]:
+    return [VideoFrame(time, np.rint(scene(time)).astype(np.uint8)) for time in _times(1e6 / rate)]
+
+
+def _compared(run: Callable[[], Any], rate: int) -> PreparedCase:
+    exact = ideal().window(0, _times(1e6 / rate)[-1] + 1)
     return PreparedCase(
-        partial(EMULATORS[name].emulate, frames),
-        lambda found: time_difference(found, exact) / 1e3,
-        counters=lambda found: {"percent of the ideal number of events": percent(len(found))},
+        run,
+        lambda found: time_difference(_events(found), exact) / 1e3,
+        counters=lambda found: {"percent of the ideal number of events": round(100 * len(_events(found)) / len(exact))},
     )
 
 
-def _percent(whole: int, part: int) -> int:
-    return round(100 * part / whole)
+def _events(found: Any) -> Events:
+    return found if isinstance(found, Events) else events_of(found, SIZE)
 
 
 def _times(gap: float) -> list[int]:

@@ -12,10 +12,14 @@ import numpy as np
 from nvsdata import transforms as T
 from nvsdata.benchmarks.case import Case, Options, PreparedCase
 from nvsdata.benchmarks.inputs import SENSOR, random_events, sensor_recording
+from nvsdata.benchmarks.peers.readers import differing
+from nvsdata.benchmarks.peers.representations import PEERS, Peer
+from nvsdata.data.camera_model import CameraModel
 from nvsdata.data.events import Events
 
 Run = Callable[[Events], Any]
 COUNT, FEW, DURATION = 200_000, 20_000, 1_000_000
+CAMERA = CameraModel(SENSOR, (200.0, 200.0, 120.0, 90.0), (-0.3, 0.1, 0.0, 0.0))
 GROWING: dict[str, Run] = {
     "frames": T.ToFrames(16),
     "a voxel grid": T.VoxelGrid(16),
@@ -25,7 +29,7 @@ GROWING: dict[str, Run] = {
 
 
 def cases(options: Options) -> list[Case]:
-    """Return the cases: transforms, compared with tonic; interpolation of voxel grids; larger inputs."""
+    """Return the cases: transforms, compared with other libraries; interpolation of voxel grids; larger inputs."""
     return [*_all(options), *_interpolations(options), *_growing(options)]
 
 
@@ -36,8 +40,9 @@ def _all(options: Options) -> Iterator[Case]:
         kind = kind and f"difference from the definition in NumPy: {kind}"
         case = partial(Case, "represent", benchmark, size={"events": count}, error_kind=kind)
         yield case(partial(_ready, count, transform, reference), default=True)
-        if benchmark in PEERS:
-            yield case(partial(_peer, count, PEERS[benchmark], PEER_EXACT.get(benchmark, reference)), library="tonic")
+        for library, prepare in PEERS.get(benchmark, {}).items():
+            exact = PEER_EXACT.get((benchmark, library), reference)
+            yield case(partial(_peer, count, prepare, exact), library=library)
 
 
 def _interpolations(options: Options) -> Iterator[Case]:
@@ -81,43 +86,14 @@ TRANSFORMS: dict[str, tuple[Run, int]] = {
     "leaky frame": (T.LeakyFrame(), COUNT),
     "refractory period": (T.RefractoryPeriod(10_000), COUNT),
     "background activity": (T.BackgroundActivity(10_000), COUNT),
+    "corners": (T.Corners(), COUNT),
+    "plane flow": (T.PlaneFlow(), COUNT),
     "downsample": (T.Downsample(2), COUNT),
+    "undistort": (T.Undistort(CAMERA), COUNT),
     "time jitter": (T.TimeJitter(100), COUNT),
     "spatial jitter": (T.SpatialJitter(1), COUNT),
     "uniform noise": (T.UniformNoise(1_000), COUNT),
     "center crop": (T.CenterCrop(100), COUNT),
-}
-
-
-def _tonic(name: str, **settings: Any) -> Any:
-    from tonic import transforms
-
-    return getattr(transforms, name)(**settings)
-
-
-SEEN = {"sensor_size": (*SENSOR, 2)}
-PEERS: dict[str, Callable[[], Any]] = {
-    "frames, 16 bins": partial(_tonic, "ToFrame", **SEEN, n_time_bins=16),
-    "voxel grid, 16 bins": partial(_tonic, "ToVoxelGrid", **SEEN, n_time_bins=16),
-    "time surface, 16 times": partial(_tonic, "ToTimesurface", **SEEN, dt=DURATION // 16, tau=50_000),
-    "HATS": partial(
-        _tonic,
-        "ToAveragedTimesurface",
-        **SEEN,
-        cell_size=10,
-        surface_size=7,
-        time_window=100_000,
-        tau=1e9,
-        decay="exp",
-    ),
-    "refractory period": partial(_tonic, "RefractoryPeriod", delta=10_000),
-    "background activity": partial(_tonic, "Denoise", filter_time=10_000),
-    "downsample": partial(_tonic, "Downsample", spatial_factor=0.5),
-    # tonic leaves the times unsorted
-    "time jitter": partial(_tonic, "TimeJitter", std=100),
-    "spatial jitter": partial(_tonic, "SpatialJitter", **SEEN, var_x=1, var_y=1, clip_outliers=True),
-    "uniform noise": partial(_tonic, "UniformNoise", **SEEN, n=1_000),
-    "center crop": partial(_tonic, "CenterCrop", **SEEN, size=(100, 100)),
 }
 
 
@@ -126,10 +102,9 @@ def _ready(count: int, transform: Run, reference: Run | None) -> PreparedCase:
     return PreparedCase(partial(transform, events), _error_against(events, reference))
 
 
-def _peer(count: int, make: Callable[[], Any], reference: Run | None) -> PreparedCase:
+def _peer(count: int, prepare: Peer, reference: Run | None) -> PreparedCase:
     events = random_events(count)
-    structured = events.to_structured().astype(np.dtype([("x", int), ("y", int), ("t", int), ("p", int)]))
-    return PreparedCase(partial(make(), structured), _error_against(events, reference))
+    return PreparedCase(prepare(events), _error_against(events, reference))
 
 
 def _error_against(events: Events, reference: Run | None) -> Callable[[Any], float] | None:
@@ -139,20 +114,11 @@ def _error_against(events: Events, reference: Run | None) -> Callable[[Any], flo
 
     def error(found: Any) -> float:
         if isinstance(expected, Events):
-            return _differing_events(expected, found)
-        found = np.asarray(found, np.float64).reshape(expected.shape)
+            return differing(expected, found)
+        found = np.asarray(found.numpy() if hasattr(found, "numpy") else found, np.float64).reshape(expected.shape)
         return float(np.abs(found - expected).max())
 
     return error
-
-
-def _differing_events(expected: Events, found: Any) -> float:
-    """Count the events that differ; if the numbers of events differ, return their difference."""
-    theirs = found.columns if isinstance(found, Events) else tuple(found[name] for name in "txyp")
-    if len(theirs[0]) != len(expected):
-        return float(abs(len(theirs[0]) - len(expected)))
-    pairs = zip(expected.columns, theirs, strict=True)
-    return float(np.count_nonzero(np.any([ours != other for ours, other in pairs], axis=0)))
 
 
 def _frames(events: Events) -> np.ndarray:
@@ -189,8 +155,10 @@ def _refractory(events: Events) -> Events:
 
 
 EXACT: dict[str, Run] = {"frames, 16 bins": _frames, "voxel grid, 16 bins": _voxels, "refractory period": _refractory}
-# tonic has OFF first
-PEER_EXACT: dict[str, Run] = {"frames, 16 bins": lambda events: _frames(events)[:, ::-1]}
+# these have OFF first
+PEER_EXACT: dict[tuple[str, str], Run] = {
+    ("frames, 16 bins", library): lambda events: _frames(events)[:, ::-1] for library in ("tonic", "evlib")
+}
 
 
 def _interpolated(options: Options, interpolation: str) -> PreparedCase:

@@ -83,7 +83,7 @@ def _by_pyg(options: Options, graphs: int) -> PreparedCase:
 
     Its weights and the scale of its pseudo-coordinates after pooling differ from ours, so losses can't be compared.
     """
-    from nvsdata.benchmarks.pyg_network import PyGRGCNN
+    from nvsdata.benchmarks.peers.pyg import PyGRGCNN
 
     batch, targets = digit_batch(options, graphs)
     return _stepping(options, fixed_network(PyGRGCNN, options.device), batch.to_pyg(), targets)

@@ -1,30 +1,49 @@
-"""RG-CNN with two residual blocks in PyTorch Geometric and torch_spline_conv, for comparison."""
+"""Graphs, B-spline convolutions and RG-CNN with two residual blocks in PyTorch Geometric and pyg-lib."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pyg_lib  # noqa: F401  # without it, PyTorch Geometric has neither radius graphs nor B-spline convolutions
 import torch
 from torch import nn
 from torch_geometric.data import Data
-from torch_geometric.nn import max_pool
+from torch_geometric.nn import SplineConv, max_pool, radius_graph
 from torch_geometric.transforms import Cartesian
-from torch_spline_conv import spline_conv
+
+from nvsdata.data.events import Events
 
 CLUSTERS = (2, 4, 7)
 
+# it advises against its convolution on the CPU at each call
+warnings.filterwarnings("ignore", "We do not recommend using the non-optimized CPU version")
 
-class PygSplineConv(nn.Module):
-    """B-spline convolution as PyTorch Geometric built it on torch_spline_conv, before it required pyg-lib."""
 
-    def __init__(self, a: int, b: int, kernel_size: int) -> None:
-        super().__init__()
-        self.weight = nn.Parameter(torch.randn(kernel_size**2, a, b) / (kernel_size * a**0.5))
-        self.root, self.bias = nn.Parameter(torch.randn(a, b) / a**0.5), nn.Parameter(torch.zeros(b))
-        self.register_buffer("size", torch.tensor([kernel_size, kernel_size]))
-        self.register_buffer("open", torch.ones(2, dtype=torch.uint8))
+def radius_graphs(events: Events, radius: float, degree: int, beta: float) -> Callable[[], Data]:
+    """Return a function that makes edges and Cartesian pseudo-coordinates."""
+    attributes = Cartesian(max_value=radius)
 
-    def forward(self, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        out: torch.Tensor = spline_conv(x, edges, u, self.weight, self.size, self.open, 1, True, self.root, self.bias)
+    def run() -> Data:
+        scaled = (events.t - events.start) * beta**0.5
+        pos = torch.from_numpy(np.stack([events.x, events.y, scaled], 1).astype(np.float32))
+        edges = radius_graph(pos, radius, max_num_neighbors=degree)
+        made: Data = attributes(Data(x=torch.from_numpy(events.p * 2.0 - 1), pos=pos[:, :2], edge_index=edges))
+        return made
+
+    return run
+
+
+def spline_layer(a: int, b: int, kernel_size: int) -> Callable[..., torch.Tensor]:
+    """Return a function of features, edges, pseudo-coordinates and weights: a convolution without root and bias."""
+    layer = SplineConv(a, b, 2, kernel_size, root_weight=False, bias=False)
+
+    def run(x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+        out: torch.Tensor = torch.func.functional_call(layer.to(x.device), {"weight": weight}, (x, edges, u))
         return out
+
+    return run
 
 
 class PygResidual(nn.Module):
@@ -32,8 +51,8 @@ class PygResidual(nn.Module):
 
     def __init__(self, a: int, b: int) -> None:
         super().__init__()
-        self.conv, self.norm = PygSplineConv(a, b, 5), nn.BatchNorm1d(b)
-        self.shortcut, self.shortcut_norm = PygSplineConv(a, b, 1), nn.BatchNorm1d(b)
+        self.conv, self.norm = SplineConv(a, b, 2, 5), nn.BatchNorm1d(b)
+        self.shortcut, self.shortcut_norm = SplineConv(a, b, 2, 1), nn.BatchNorm1d(b)
 
     def forward(self, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
         return torch.relu(self.norm(self.conv(x, edges, u)) + self.shortcut_norm(self.shortcut(x, edges, u)))
@@ -44,7 +63,7 @@ class PyGRGCNN(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.first, self.norm = PygSplineConv(1, 32, 5), nn.BatchNorm1d(32)
+        self.first, self.norm = SplineConv(1, 32, 2, 5), nn.BatchNorm1d(32)
         self.blocks = nn.ModuleList([PygResidual(32, 64), PygResidual(64, 128)])
         self.hidden, self.classify = nn.Linear(25 * 128, 128), nn.Linear(128, 10)
         self.dropout = nn.Dropout(0.5)
