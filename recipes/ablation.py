@@ -213,7 +213,7 @@ def train_and_test(study: Study, root: Path, epochs: int, changes: dict[str, Any
     # the windows that vote are spread over the recording
     ends = [v / study.votes for v in range(study.votes + 1)]
     shares = [data.validation(protocol.pipeline(training=False, within=within)) for within in pairwise(ends)]
-    batches = loader(ConcatDataset(shares), BATCH, here, last=study.rounds)
+    batches = loader(ConcatDataset(shares), BATCH, here, last=study.rounds, whole_batches=True)
     found = votes(trainer.model, batches, study.votes, here, study.rounds)
     return {
         "settings": label_of(study, changes),

@@ -1,4 +1,4 @@
-"""Classify recordings with the baselines of Table 4.7 of the thesis: HATS and HOTS with simple classifiers.
+"""Classify recordings with the baselines of Table 4.7 of the thesis: HATS, HOTS, H-First and Gabor-SNN.
 
     python recipes/baselines.py --dataset n-mnist --root N-MNIST --out baselines.json
 
@@ -10,6 +10,8 @@ train_objects.py.
 - HOTS (Lagorce et al. 2017): three layers of prototypes of time surfaces, found by k-means. Histograms of the
   prototypes of the last layer are classified by a linear SVM, or by the Bhattacharyya distance to the mean of each
   class.
+- H-First (Orchard et al. 2015) and Gabor-SNN (Sironi et al. 2018): spiking neurons, described in spiking.py. Their
+  thresholds, leaks and cells are selected as those of HATS.
 - Counts: the numbers of events per pixel and a linear SVM, for comparison.
 """
 
@@ -17,7 +19,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.optimize import minimize
+from spiking import CELL, SIMPLE, best_hfirst, cell_spikes, class_weights, root_spikes, winners
 
 from nvsdata import transforms as T
 from nvsdata.common.files import atomic
@@ -32,10 +35,11 @@ from nvsdata.datasets import DATASETS
 from nvsdata.datasets.splits import stratified
 from nvsdata.kernels.represent.hots import feature_surfaces, nearest_prototypes
 from nvsdata.metrics import accuracy
-from nvsdata.training import TrainTestSplit
+from nvsdata.training import TrainTestSplit, run
 
 # side of a cell in pixels; window in µs; square root of the features, which is usual for histograms
 CELLS, WINDOWS, ROOTS = (5, 7, 10), (10_000, 100_000), (False, True)
+SPIKING_CELLS = (4, 8)
 PENALTIES = (0.1, 1.0, 10.0, 100.0)
 COMPARED = 1_000  # largest number of training recordings on which settings are compared
 # prototypes, radius in pixels and time constant in µs of each layer of HOTS; surfaces for k-means
@@ -62,7 +66,10 @@ def _results(
     counts = [np.stack([T.EventImage()(one).numpy().ravel() for one in part]) for part in (train, test)]
     yield "counts + SVM", _by_svm(*counts, labels, truth)
     del counts
-    yield "HATS + SVM", _hats(train, test, labels, truth)
+    yield "HATS + SVM", _by_features(averaged_surfaces, _settings_of_hats(), train, test, labels, truth)
+    settings = [{"simple": simple, "cell": cell} for simple, cell in product(SIMPLE, SPIKING_CELLS)]
+    yield "Gabor-SNN + SVM", _by_features(root_spikes, settings, train, test, labels, truth)
+    yield "H-First", _hfirst(train, test, labels, truth)
     histograms = hots(train, test, sensor_size, seed)
     yield "HOTS + histogram distance", {"accuracy": accuracy(_nearest(*histograms, labels) == truth)}
     yield "HOTS + SVM", _by_svm(*histograms, labels, truth)
@@ -87,20 +94,54 @@ def _loaded(part: Any) -> tuple[list[Any], np.ndarray]:
     return [events for events, _ in pairs], np.array([label for _, label in pairs])
 
 
-def _hats(train: list[Any], test: list[Any], labels: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
-    """Classify HATS with the settings that are best within the training set."""
+def _by_features(
+    features: Callable[..., np.ndarray],
+    options: Iterable[dict[str, Any]],
+    train: list[Any],
+    test: list[Any],
+    labels: np.ndarray,
+    truth: np.ndarray,
+) -> dict[str, Any]:
+    """Classify features by an SVM, with the settings that are best within the training set."""
+    settings, penalty, within = _best_settings(features, options, train, labels)
+    sets = [features(part, **settings) for part in (train, test)]
+    return _test(*sets, labels, truth, penalty, within) | settings
+
+
+def best_hats(train: list[Any], labels: np.ndarray) -> tuple[dict[str, Any], float, float]:
+    """Return the settings of HATS and the penalty that are best within the training set, and their accuracy there."""
+    return _best_settings(averaged_surfaces, _settings_of_hats(), train, labels)
+
+
+def _settings_of_hats() -> list[dict[str, Any]]:
+    options = product(CELLS, WINDOWS, ROOTS)
+    return [{"cell": cell, "window": window, "root": root} for cell, window, root in options]
+
+
+def _best_settings(
+    features: Callable[..., np.ndarray], options: Iterable[dict[str, Any]], train: list[Any], labels: np.ndarray
+) -> tuple[dict[str, Any], float, float]:
     some = _selection(labels)
     tried = []
-    for cell, window, root in product(CELLS, WINDOWS, ROOTS):
-        features = _averaged_surfaces([train[i] for i in some], cell, window, root)
-        penalty, within = _best_penalty(features, labels[some])
-        tried.append((within, penalty, {"cell": cell, "window": window, "root": root}))
+    for settings in options:
+        penalty, within = _best_penalty(features([train[i] for i in some], **settings), labels[some])
+        tried.append((within, penalty, settings))
     within, penalty, settings = max(tried, key=lambda one: one[0])
-    features = [_averaged_surfaces(part, **settings) for part in (train, test)]
-    return _test(*features, labels, truth, penalty, within) | settings
+    return settings, penalty, within
 
 
-def _averaged_surfaces(events: list[Any], cell: int, window: int, root: bool) -> np.ndarray:
+def _hfirst(train: list[Any], test: list[Any], labels: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
+    some = _selection(labels)
+    settings, within = best_hfirst([train[i] for i in some], labels[some], _folds(labels[some]))
+    weights = class_weights(cell_spikes(train, settings["simple"], CELL), labels)
+    found = winners(test, weights, **settings)
+    right = (found >= 0) & (np.unique(labels)[found] == truth)
+    silent = float((found < 0).mean())
+    return {"accuracy": accuracy(right), "within training": within, "without answer": silent} | settings
+
+
+def averaged_surfaces(events: list[Any], cell: int, window: int, root: bool) -> np.ndarray:
+    """Return the HATS of recordings as rows, or their square roots."""
     transform = T.HATS(cell, window=window)
     # not by np.stack, which needs twice the memory
     features = np.empty((len(events), transform(events[0]).numel()), np.float32)
@@ -118,7 +159,7 @@ def _by_svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.n
 def _test(
     train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.ndarray, penalty: float, within: float
 ) -> dict[str, Any]:
-    right = svm(*_prepared(train, test), labels, penalty) == truth
+    right = svm(*prepared(train, test), labels, penalty) == truth
     return {"accuracy": accuracy(right), "within training": within, "penalty": penalty}
 
 
@@ -129,17 +170,22 @@ def _selection(labels: np.ndarray) -> np.ndarray:
 
 def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, float]:
     """Return the penalty with the best mean accuracy on three random fifths, and that accuracy."""
-    names = [(str(label), str(i)) for i, label in enumerate(labels)]
     found: dict[float, list[float]] = {penalty: [] for penalty in PENALTIES}
-    for a, b in (stratified(names, 0.2, seed=seed) for seed in range(3)):
-        sets = _prepared(features[a], features[b])
+    for a, b in _folds(labels):
+        sets = prepared(features[a], features[b])
         for penalty in PENALTIES:
             found[penalty].append((svm(*sets, labels[a], penalty) == labels[b]).mean())
     best = max(found, key=lambda penalty: np.mean(found[penalty]))
     return best, float(np.mean(found[best]))
 
 
-def _prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _folds(labels: np.ndarray) -> list[tuple[list[int], list[int]]]:
+    """Return three random splits of recordings, as indices for training and a fifth for testing."""
+    names = [(str(label), str(i)) for i, label in enumerate(labels)]
+    return [stratified(names, 0.2, seed=seed) for seed in range(3)]
+
+
+def prepared(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Subtract the mean of the training set, and divide by the root of the sum of its variances.
 
     The weights of an SVM are linear combinations of the training features. If these are few, and fewer than their
@@ -217,4 +263,4 @@ def _nearest(train: np.ndarray, test: np.ndarray, labels: np.ndarray) -> np.ndar
 
 
 if __name__ == "__main__":
-    main()
+    run(main, "run the command again")

@@ -43,18 +43,20 @@ def main() -> None:
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add = parser.add_argument
-    add("--out", type=Path, required=True, help="folder for the recordings")
-    add(
-        "--size",
-        type=at_least_1,
-        nargs=2,
-        default=(240, 180),
-        help="width and height of the sensor in pixels (default 240 180)",
-    )
-    add("--events", type=at_least_1, default=25_000, help="mean number of events per recording (default 25,000)")
-    add("--digits", type=at_least_1, default=1_000, help="number of recordings (default 1,000; at most 3,594)")
+    add_folder(parser, (240, 180), 25_000)
+    text = "number of recordings (default 1,000; at most 3,594)"
+    parser.add_argument("--digits", type=at_least_1, default=1_000, help=text)
     return parser.parse_args()
+
+
+def add_folder(parser: argparse.ArgumentParser, size: tuple[int, int], events: int) -> None:
+    """Add the options of recipes that emulate a folder of recordings, with their defaults."""
+    add, (width, height) = parser.add_argument, size
+    add("--out", type=Path, required=True, help="folder for the recordings")
+    text = f"width and height of the sensor in pixels (default {width} {height})"
+    add("--size", type=at_least_1, nargs=2, default=size, help=text)
+    text = f"mean number of events per recording (default {events:,})"
+    add("--events", type=at_least_1, default=events, help=text)
 
 
 if __name__ == "__main__":

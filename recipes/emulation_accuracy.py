@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pairs import read_arrays
 
 import nvsdata
 from nvsdata import Events, metrics, plots
@@ -178,10 +179,8 @@ def read_pair(path: Path) -> tuple[list[VideoFrame], Events]:
     if path.suffix != ".npz":
         recording = nvsdata.open(path)
         return list(frames_of(recording)), recording.read()
-    with np.load(path) as data:
-        frames = [VideoFrame(int(t), still) for t, still in zip(data["frame_times"], data["frames"], strict=True)]
-        height, width = data["frames"].shape[1:]
-        return frames, Events(data["t"], data["x"], data["y"], data["p"], (width, height))
+    frames, times, events = read_arrays(path)
+    return [VideoFrame(int(t), still) for t, still in zip(times, frames, strict=True)], events
 
 
 def part(frames: list[VideoFrame], events: Events, delay: int) -> tuple[list[VideoFrame], Events]:

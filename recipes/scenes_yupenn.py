@@ -65,7 +65,8 @@ def leave_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team
     known = {"sensor_size": (240, 180), "classes": len(train_set.classes), "data": data}
     trainer = protocol.trainer(out, team=here, **known, **run_of(args))
     trainer.fit(train_set)
-    scores, targets = predict(trainer.model, loader(test_set, 1, here, seed=args.seed, last=args.votes), here)
+    batches = loader(test_set, 1, here, seed=args.seed, last=args.votes, whole_batches=True)
+    scores, targets = predict(trainer.model, batches, here)
     named = int(scores.log_softmax(1).sum(0).argmax())
     return {"fold": fold, "scene": train_set.classes[int(targets[0])], "named": train_set.classes[named]}
 

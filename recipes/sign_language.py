@@ -83,7 +83,7 @@ def accuracy(
     trainer = Trainer(model, optimizer, schedule, out, data=data | {"protocol": protocol}, **options)
     here.print(f"{out.name}: {len(train_set)} to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set)
-    batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes)
+    batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes, whole_batches=True)
     found = votes(model, batches, args.votes, here).together
     trainer.publish(test_set.classes, test_set.transform, metrics | {"test_accuracy_votes": found.value})
     return found

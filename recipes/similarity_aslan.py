@@ -9,6 +9,11 @@ feature are the input of a support vector machine with a radial basis function k
 subsets of ASLAN's "View 2", and tested on the tenth. The recipe writes to OUT the features, a line for each subset in
 `log.jsonl`, and the ROC curve over all subsets in `roc.png`. An interrupted run continues with the features that are
 missing.
+
+    torchrun --nproc-per-node 4 recipes/similarity_aslan.py ...
+
+divides the recordings among 4 processes, with the same features. With --stated-sizes, --root can also be a folder of
+emulate_actions.py.
 """
 
 from __future__ import annotations
@@ -17,38 +22,44 @@ import argparse
 import hashlib
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import torch
 from torch.nn.functional import normalize
 
-from nvsdata import collate, models, plots
-from nvsdata.common.files import claimed, put
+from nvsdata import models, plots
+from nvsdata.common.files import put
 from nvsdata.common.progress import bar
-from nvsdata.datasets import ASLANDVS, SeededDataset
+from nvsdata.datasets import ASLANDVS
 from nvsdata.metrics import area_under_roc, roc, similarities
-from nvsdata.training import run
+from nvsdata.training import Team, loader, predict_batches, run, team
 
 
 def main() -> None:
     args = arguments()
-    trained = models.load(args.model, device=args.device)
-    if not hasattr(trained.model, "features") or trained.transform is None:
-        raise SystemExit(f"{args.model} can't compute features of sequences: train a network with train_actions.py")
-    pairs = ASLANDVS(args.root, "all")
     # each network has a separate folder of features
     where = args.out / "features" / hashlib.sha256(args.model.read_bytes()).hexdigest()[:16]
-    where.mkdir(parents=True, exist_ok=True)
-    with claimed(args.out):
-        classify_pairs(args, pairs, trained, where)
+    with team(args.device) as here, here.claiming(args.out):
+        trained = models.load(args.model, device=here.device)
+        if not hasattr(trained.model, "features") or trained.transform is None:
+            raise SystemExit(f"{args.model} can't compute features of sequences: train a network with train_actions.py")
+        pairs = (PairsOfAnySize if args.stated_sizes else ASLANDVS)(args.root, "all")
+        extract(pairs, trained, where, args.seed, here)
+        if here.rank == 0:
+            classify_pairs(args, pairs, where)
 
 
-def classify_pairs(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained, where: Path) -> None:
+class PairsOfAnySize(ASLANDVS):
+    """Pairs like those of ASLAN-DVS of recordings that state the size of their sensor."""
+
+    info = replace(ASLANDVS.info, sensor_size=None)
+
+
+def classify_pairs(args: argparse.Namespace, pairs: ASLANDVS, where: Path) -> None:
     """Classify pairs by the features in the folder `where`, and write the accuracies."""
-    extract(pairs, trained, where, args)
     inputs = np.stack([similarities_of(pair, where) for pair in bar(pairs.samples, "similarities")])
     same, folds = np.array(pairs.targets), np.array(pairs.folds)
     scores, lines = np.zeros(len(same)), []
@@ -63,31 +74,38 @@ def classify_pairs(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Tr
     draw(scores, same, args.out / "roc.png")
 
 
-def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, args: argparse.Namespace) -> None:
-    """Write the features of each recording unless they exist: output of the last pooling, and its global average."""
+def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, seed: int, here: Team) -> None:
+    """Write the features of each recording: output of the last pooling, and its global average.
+
+    Recordings before the first one without features are left out.
+    """
     names = sorted({name for pair in pairs.samples for name in (pair.a, pair.b)})
-    recordings = SeededDataset(_Recordings(pairs, names, trained.transform), args.seed)
-    device = next(trained.model.parameters()).device
-    for index, name in enumerate(bar(names, "features")):
-        file = where / _file(name)
-        if not file.exists():
-            batch = recordings[0, index]
-            with torch.no_grad():
-                maps = trained.model.features(batch.to(device)).cpu()
-            pooled = maps.flatten(2).mean(2)
+    # files are written in order by the first process, whose folder counts
+    done = here.gather(next((n for n, name in enumerate(names) if not (where / _file(name)).exists()), len(names)))[0]
+    recordings = _Recordings(pairs, names, trained.transform)
+    batches = loader(recordings, 1, here, seed=seed, start=done, whole_batches=True)
+    outputs = predict_batches(trained.model.features, batches, here)
+    missing = bar(names[done:], "features", shown=here.rank == 0)
+    for name, (maps, _) in zip(missing, outputs, strict=True):
+        if here.rank == 0:
+            where.mkdir(parents=True, exist_ok=True)
             kept = io.BytesIO()
+            pooled = maps.flatten(2).mean(2)
             np.savez(kept, *(normalize(values.flatten(1)).numpy()[0] for values in (maps, pooled)))
-            put(file, kept.getbuffer())
+            put(where / _file(name), kept.getbuffer())
 
 
 class _Recordings:
-    """Sequence of the network's inputs: a batch of one for each recording."""
+    """Dataset of the network's inputs, one for each recording."""
 
     def __init__(self, pairs: ASLANDVS, names: list[str], transform: Any) -> None:
         self.pairs, self.names, self.transform = pairs, names, transform
 
-    def __getitem__(self, index: int) -> Any:
-        return collate([(self.transform(self.pairs.open_recording(self.names[index])), 0)])[0]
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, index: int) -> tuple[Any, int]:
+        return self.transform(self.pairs.open_recording(self.names[index])), 0
 
 
 def similarities_of(pair: Any, where: Path) -> np.ndarray:
@@ -144,9 +162,10 @@ def arguments() -> argparse.Namespace:
     add("--root", required=True, type=Path, help="folder of ASLAN-DVS, with View2.mat or aslan_pairs.csv")
     add("--model", required=True, type=Path, help="model.safetensors of train_actions.py")
     add("--out", required=True, type=Path, help="folder for features, log and plot")
+    text = "take the sensor size that each recording states (default: 240x180, that of ASLAN-DVS)"
+    add("--stated-sizes", action="store_true", help=text)
     add("--seed", type=int, default=0, help="seed of the samples and of the SVM (default 0)")
-    text = "device of torch (default: a GPU if there is one, else cpu)"
-    add("--device", default="cuda" if torch.cuda.is_available() else "cpu", help=text)
+    add("--device", help="device of torch (default: a GPU if there is one, else cpu)")
     return parser.parse_args()
 
 

@@ -11,7 +11,7 @@ divided by 10 at 60/150 and 100/150 of the epochs. Batches have 32 samples of 8 
 
 --network also selects a baseline: 3D CNNs on event frames, trained by gradient descent with a learning rate of 0.01,
 divided by 10 every 50 epochs; for gestures also PointNet, PointNet++ and LSTM on events. DVS128 Gesture isn't flipped,
-because its classes distinguish the left and the right hand.
+because its classes distinguish the left and the right hand. --no-flip is for other recordings of such classes.
 
 The recipe writes to OUT `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
 `nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes, by window
@@ -20,7 +20,7 @@ the epoch with the highest accuracy on them are kept. Test recordings are used o
 interrupted run, with the same results as without the interruption. --from RUN/report.json --out OTHER repeats a run.
 
 Recordings of these datasets weren't available, so it isn't known whether this reaches the accuracies of the thesis
-(docs/models.md).
+(docs/results.md).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from __future__ import annotations
 import argparse
 
 import torch
-from training_options import actions_of, add_actions, add_data, add_report, check_data, parsed, run_of
+from training_options import actions_of, add_actions, add_data, add_report, check_data, order_of, parsed, run_of
 
 from nvsdata.commands.options import at_least_1
 from nvsdata.training import TrainTestSplit, loader, run, team, to_tensorboard, votes, write_report
@@ -37,7 +37,7 @@ from nvsdata.training.evaluation import validation
 
 def main() -> None:
     args = arguments()
-    protocol = actions_of(args, flip=args.dataset != "dvs128-gesture")
+    protocol = actions_of(args, flip=not args.no_flip and args.dataset != "dvs128-gesture")
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
         writer = to_tensorboard(args.out, here) if args.tensorboard else None
@@ -46,14 +46,16 @@ def main() -> None:
         )
         check_data(args, data, here)
         train_set, pipeline = data.train(protocol.pipeline(training=True)), protocol.pipeline(training=False)
-        known = {"sensor_size": data.sensor_size, "classes": len(data.classes), "data": data.data}
+        known = {"sensor_size": data.sensor_size, "classes": len(data.classes), "data": data.data | order_of(args)}
         trainer = protocol.trainer(args.out, team=here, **known, **run_of(args))
         if writer:
             trainer.watch(writer)
         chosen_by = validation(trainer, data.validation(pipeline))
-        line = trainer.fit(train_set, chosen_by, args.patience, args.checkpoint_every)
+        blocks = train_set.blocks() if args.blocks else None
+        line = trainer.fit(train_set, chosen_by, args.patience, args.checkpoint_every, blocks)
         # test data are used from here on only, when nothing is left to choose
-        batches = loader(data.test(pipeline), trainer.batch, here, seed=args.seed, last=args.votes)
+        how = {"seed": args.seed, "last": args.votes, "whole_batches": True}
+        batches = loader(data.test(pipeline), trainer.batch, here, **how)
         found = votes(trainer.model, batches, args.votes, here)
         here.print(str(found))
         accuracies = {"test_accuracy": found.single.value, "test_accuracy_votes": found.together.value}
@@ -68,6 +70,7 @@ def arguments() -> argparse.Namespace:
     add = parser.add_argument
     add("--fold", type=int, help="number of the train/test split (default 1 for UCF101-DVS and HMDB51-DVS)")
     add("--votes", type=at_least_1, default=5, help="random samples of each recording that vote at the end (default 5)")
+    add("--no-flip", action="store_true", help="train without flips, for classes that differ in left and right")
     add_actions(parser)
     add_report(parser)
     return parsed(parser)

@@ -4,13 +4,15 @@
     torchrun --nproc-per-node 4 recipes/train_objects.py ...
 
 A sample is a random 30 ms window. It is subsampled, converted to a radius graph and augmented. The optimizer is Adam
-with batches of 64 and a learning rate that rises to 3e-3 and falls again. docs/models.md lists the differences from the
-thesis and their effect, and how to train with its settings. If the data has no test split, a random fifth of each class
-is the test set. --validate 0.1 holds out a tenth of the training recordings: the weights of the epoch with the highest
-accuracy on them are kept. Test recordings are used once, at the end. --k, --radius, --window, --depth and --kernel-size
-are the ablations of Tables 4.1 to 4.5 of the thesis, --convolution that of Table 4.8. --network also selects a baseline
-CNN (section 4.4.4) of event images of --image-size pixels (Table 4.6). It ignores the settings of graphs, and
---schedule steps trains it by gradient descent, as in the thesis.
+with batches of 64 and a learning rate that rises to 3e-3 and falls again. docs/dev/measurements/departures.md lists the
+differences from the thesis and their effect, and how to train with its settings. If the data has no test split, a
+random fifth of each class is the test set. --validate 0.1 holds out a tenth of the training recordings: the weights of
+the epoch with the highest accuracy on them are kept. Test recordings are used once, at the end. --test-dataset and
+--test-root test on another dataset with the same classes: on its test recordings, or on all if it has no test split,
+scaled to the sensor of the training recordings. --k, --radius, --window, --depth and --kernel-size are the ablations of
+Tables 4.1 to 4.5 of the thesis, --convolution that of Table 4.8. --network also selects a baseline CNN (section 4.4.4)
+of event images of --image-size pixels (Table 4.6). It ignores the settings of graphs, and --schedule steps trains it by
+gradient descent, as in the thesis.
 
 The recipe writes to OUT `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
 `nvsdata.models.load`, `report.json` and plots (accuracy per class, confusion, calibration, accuracy by votes, by window
@@ -26,11 +28,12 @@ from typing import get_args
 
 import torch
 from torch.utils.data import ConcatDataset
-from training_options import add_data, add_report, add_run, check_data, parsed, run_of
+from training_options import add_data, add_report, add_run, check_data, order_of, parsed, run_of
 
 from nvsdata import models
-from nvsdata.commands.options import at_least_1
+from nvsdata.commands.options import at_least_1, path_or_url
 from nvsdata.data.pseudo import Pseudo
+from nvsdata.datasets import DATASETS
 from nvsdata.training import Trainer, TrainTestSplit, Votes, loader, run, team, to_tensorboard, votes, write_report
 from nvsdata.training.evaluation import validation
 from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWORKS, NODES, SCHEDULES, Objects
@@ -50,15 +53,18 @@ def main() -> None:
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
         writer = to_tensorboard(args.out, here) if args.tensorboard else None
-        data = TrainTestSplit(args.dataset, args.root, seed=args.seed, validate=args.validate, errors=args.errors)
+        test_from = (args.test_dataset, args.test_root) if args.test_dataset else None
+        how = {"seed": args.seed, "validate": args.validate, "errors": args.errors}
+        data = TrainTestSplit(args.dataset, args.root, **how, test_from=test_from)
         check_data(args, data, here)
         train_set, pipeline = protocol.training_set(data), protocol.pipeline(training=False)
-        known = {"sensor_size": data.sensor_size, "classes": len(data.classes), "data": data.data}
+        known = {"sensor_size": data.sensor_size, "classes": len(data.classes), "data": data.data | order_of(args)}
         trainer = protocol.trainer(args.out, recordings=len(train_set), team=here, **known, **run_of(args))
         if writer:
             trainer.watch(writer)
         chosen_by = validation(trainer, data.validation(pipeline))
-        line = trainer.fit(train_set, chosen_by, args.patience, args.checkpoint_every)
+        blocks = train_set.blocks() if args.blocks else None
+        line = trainer.fit(train_set, chosen_by, args.patience, args.checkpoint_every, blocks)
         # test data are used from here on only, when nothing is left to choose
         found = test_votes(args, protocol, trainer, data)
         here.print(str(found))
@@ -74,7 +80,8 @@ def test_votes(args: argparse.Namespace, protocol: Objects, trainer: Trainer, da
     parts = [data.test(protocol.pipeline(training=False, within=within)) for within in pairwise(ends)]
     # accuracies on a small test set vary by chance: it is evaluated several times, with other windows
     rounds = ROUNDS if len(parts[0]) < FEW else 1
-    batches = loader(ConcatDataset(parts), trainer.batch, trainer.team, seed=trainer.seed, last=rounds)
+    how = {"seed": trainer.seed, "last": rounds, "whole_batches": True}
+    batches = loader(ConcatDataset(parts), trainer.batch, trainer.team, **how)
     return votes(trainer.model, batches, args.votes, trainer.team, rounds)
 
 
@@ -82,6 +89,10 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_data(parser)
     add = parser.add_argument
+    text = "dataset with the same classes to test on, with --test-root (default: that of --dataset)"
+    add("--test-dataset", choices=sorted(DATASETS), help=text)
+    text = "folder of the recordings to test on, or path or URL of a packed store"
+    add("--test-root", type=path_or_url, help=text)
     add(
         "--epochs",
         type=at_least_1,
@@ -140,7 +151,10 @@ def arguments() -> argparse.Namespace:
     add("--image-size", type=at_least_1, default=224, help="side of event images in pixels (default 224; Table 4.6)")
     add_run(parser)
     add_report(parser)
-    return parsed(parser)
+    args = parsed(parser)
+    if (args.test_dataset is None) != (args.test_root is None):
+        parser.error("--test-dataset and --test-root go together")
+    return args
 
 
 if __name__ == "__main__":

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from nvsdata import models
-from nvsdata.commands.options import at_least_1
+from nvsdata.commands.options import at_least_1, path_or_url
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.damage import ERRORS
 from nvsdata.training import Team, TrainTestSplit, actions
+
+SHOWN = 5  # maximum number of classes that a warning names
 
 
 def add_data(parser: argparse.ArgumentParser) -> None:
@@ -24,15 +26,23 @@ def add_data(parser: argparse.ArgumentParser) -> None:
         choices=sorted(DATASETS),
         help='dataset; "folder" is any folder with a subfolder of recordings for each class',
     )
-    add("--root", required=True, type=Path, help="folder or packed store of the recordings")
+    text = "folder of the recordings, or path or URL of a packed store"
+    add("--root", required=True, type=path_or_url, help=text)
     add("--out", required=True, type=Path, help="folder for log, checkpoint and model")
     add("--validate", type=float, default=0.0, help="fraction of the training recordings for validation (default 0)")
     text = "epochs without a higher validation accuracy after which training stops (default: never)"
     add("--patience", type=at_least_1, help=text)
     text = "steps after which a checkpoint is also written within an epoch (default: only after each epoch)"
     add("--checkpoint-every", type=at_least_1, metavar="STEPS", help=text)
+    text = "shuffle blocks of the packed store, and samples among 64 blocks at a time, for slow disks and servers"
+    add("--blocks", action="store_true", help=text)
     add("--from", dest="repeated", type=Path, metavar="REPORT", help="repeat the run that wrote this report.json")
     add("--errors", choices=ERRORS, default="raise", help="treatment of damaged recordings (default raise)")
+
+
+def order_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what a run's data state about the order of samples; nothing for a uniform order."""
+    return {"order": "blocks"} if args.blocks else {}
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
@@ -78,6 +88,10 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
         default=1024,
         help="events per sample of pointnet, pointnet++ and lstm (default 1024)",
     )
+    add("--width", type=float, default=1.0, help="factor of the channels of rgcnn3d (default 1)")
+    text = "side of the frames of 3D CNNs in pixels (default: that of the thesis, 112 to 224)"
+    add("--image-size", type=at_least_1, help=text)
+    add("--adam", action="store_true", help="train 3D CNNs on frames by Adam in place of gradient descent")
     add("--epochs", type=at_least_1, default=actions.EPOCHS, help=f"number of epochs (default {actions.EPOCHS})")
     add("--batch", type=at_least_1, help="samples per step, over all processes (default 32 for 8 graphs, 16 for 16)")
     add_run(parser)
@@ -85,7 +99,8 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
 
 def actions_of(args: argparse.Namespace, *, flip: bool = True) -> actions.Actions:
     """Return the protocol that the options describe."""
-    return actions.Actions(args.network, args.temporal, args.graphs, args.duration, args.events, flip)
+    some = {"flip": flip, "width": args.width, "image_size": args.image_size, "adam": args.adam}
+    return actions.Actions(args.network, args.temporal, args.graphs, args.duration, args.events, **some)
 
 
 def parsed(parser: argparse.ArgumentParser) -> argparse.Namespace:
@@ -126,7 +141,7 @@ def read_report(path: Path) -> dict[str, Any]:
 
 
 def check_data(args: argparse.Namespace, data: TrainTestSplit, here: Team) -> None:
-    """Print the numbers of recordings, and which test recordings are training recordings, too.
+    """Print the numbers of recordings, classes without any, and which test recordings are training recordings, too.
 
     Raises:
         ValueError: The recordings differ from those of the run to repeat.
@@ -136,6 +151,11 @@ def check_data(args: argparse.Namespace, data: TrainTestSplit, here: Team) -> No
         raise ValueError(f"{args.root} differs from the data of {args.repeated}: {', '.join(differ)}")
     parts = {"training": data.train(None), "validation": data.validation(None), "testing": data.test(None)}
     here.print(", ".join(f"{len(part)} recordings for {use}" for use, part in parts.items() if part is not None))
+    for use, part in parts.items():
+        counts = {} if part is None else dict(zip(data.classes, part.class_counts, strict=True))
+        if empty := [name for name, count in counts.items() if not count]:
+            named = ", ".join(empty[:SHOWN]) + (", ..." if len(empty) > SHOWN else "")
+            here.print(f"warning: {len(empty)} classes have no recording for {use}: {named}")
     if here.rank == 0 and (same := data.overlap()):
         test, train = next(iter(same.items()))
         here.print(f"warning: {len(same)} test recordings are also training recordings, such as {test} ({train})")

@@ -39,7 +39,7 @@ from nvsdata.video.video_frame import VideoFrame
 KINDS = ("emulated", "real")
 FLAWS: dict[str, float] = {"mismatch": 0.15, "noise_rate": 0.5}
 # nearly linear in brightness, and a reference that is constant until a pixel fires: this transfers best
-# (docs/emulation.md)
+# (docs/dev/measurements/emulation.md)
 EMULATORS = {
     "pix2nvs": PIX2NVS(t_log=255, continuous=True, new=False, exp=False, **FLAWS),
     "dvs": DVS(dark=300.0, **FLAWS),
@@ -66,7 +66,7 @@ def main() -> None:
             pipeline = protocol.pipeline(training=False)
             for target in KINDS:
                 tested = data.test(pipeline) if target == source else NMNIST(roots[target], "all", transform=pipeline)
-                batches = loader(tested, BATCH, here, seed=args.seed, last=args.votes)
+                batches = loader(tested, BATCH, here, seed=args.seed, last=args.votes, whole_batches=True)
                 found = votes(model, batches, args.votes, here)
                 here.print(f"{source} -> {target}: {found}")
                 table[f"{source} -> {target}"] = found.single, found.together

@@ -56,7 +56,7 @@ def main() -> None:
             model = train(args, data[source], args.out / source, here)
             for target in KINDS:
                 test_set = data[target].test(test_pipeline(args))
-                batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes)
+                batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes, whole_batches=True)
                 table[f"{source} -> {target}"] = votes(FourCropped(model), batches, args.votes, here).together
         here.print(as_text(table))
         if here.rank == 0:

@@ -9,6 +9,7 @@ ones. A score is relative to the other settings that are scored, so the rows and
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 import nvsdata
@@ -67,6 +68,10 @@ def tune(pair: TuningPair, args: argparse.Namespace) -> None:
     text += f"best: {best.settings!r}\nits score is {score[0] / score[1]:.3f} times that of the table's best row\n"
     print(text)
     put(args.out / "table.txt", text.encode())
+    columns = ("Inv. rep", "Chamfer", "EMD", "Score")
+    cells = [(*row.distances, score) for row, score in zip(rows, thesis.scores, strict=True)]
+    table = {f"row {n}": dict(zip(columns, row, strict=True)) for n, row in enumerate(cells, 1)}
+    put(args.out / "rows.json", json.dumps(table, indent=1).encode())
     plots.save_png(score_curve(found.scores), args.out / "score.png")
     plots.save_png(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
 

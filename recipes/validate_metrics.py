@@ -28,6 +28,7 @@ from nvsdata.common.text import aligned
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.emulation import PRESETS
 from nvsdata.emulation.tuning.objective import TuningPair
+from nvsdata.training import run
 
 Results = dict[str, Any]
 EPSILON = 2.5  # pixels, as in Table 3.2
@@ -143,4 +144,4 @@ def exceptions(results: list[Results]) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    run(main, "run the command again")
