@@ -16,11 +16,19 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 import numpy as np
 import pytest
 import torch
+
+if not torch.cuda.is_available():
+    # before anything imports Triton, as parts of torch do: its kernels then run on the CPU
+    os.environ.setdefault("TRITON_INTERPRET", "1")
+
 from hypothesis import HealthCheck, settings
 from lookalikes import atis_bytes, saccade
 from places import RECIPES, SHARED
 
-from nvsdata.models import spline, spline_sum
+from nvsdata.datasets import DATASETS
+from nvsdata.formats import FORMATS
+from nvsdata.models import NETWORKS, spline, spline_sum
+from nvsdata.transforms import TRANSFORMS
 
 # a shell's background job ignores the one, nohup the other; some tests send them
 for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
@@ -46,6 +54,14 @@ def pytest_collection_finish():
 # torch.manual_seed formats the stack three times a call where no device is there whose seed could be set
 DEVICES = torch.cuda.is_available() or torch.backends.mps.is_available()
 seed = torch.manual_seed if DEVICES else torch.default_generator.manual_seed
+
+
+@pytest.fixture
+def same_registries(monkeypatch):
+    """Forget what a test registers."""
+    for known in (DATASETS, FORMATS, TRANSFORMS, NETWORKS):
+        known.load_installed()
+        monkeypatch.setattr(known, "_known", dict(known._known))
 
 
 @pytest.fixture(autouse=True)
@@ -112,3 +128,12 @@ def run(monkeypatch, capsys):
 def headless(monkeypatch):
     """SDL without a display."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """A Dask cluster of two processes on this computer; its threads would disturb other modules' tests."""
+    distributed = pytest.importorskip("distributed")
+    there = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(**there) as found:
+        yield found

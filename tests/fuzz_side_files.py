@@ -37,7 +37,7 @@ from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
 from nvsdata.datasets import source
 from nvsdata.datasets.cache.encoding import ALIGNED, encode_sample
 from nvsdata.datasets.store import index as store_index
-from nvsdata.datasets.store import record, second, writer
+from nvsdata.datasets.store import record, second, writing
 from nvsdata.datasets.store.opening import open_store
 from nvsdata.datasets.store.reader import Store
 from nvsdata.datasets.verification import problems
@@ -260,14 +260,19 @@ def store(rng: Rng, home: Path) -> str:
     path.unlink(missing_ok=True)
     path.write_bytes(sound.read_bytes())
     checked = rng.random() < 0.7
-    if checked:
-        for _ in range(int(rng.integers(1, 3))):
-            # what can't be written, or is no store any more, stays as it is
-            with suppress(ValueError, TypeError, OverflowError, IndexError, KeyError, struct.error):
-                _store_changed(path, rng)
-    else:
-        path.write_bytes(at_random(bytearray(path.read_bytes()), rng))
+    _damage(path, rng, checked=checked)
     return _same_or_refused(path, None if checked else Store(sound), rng)
+
+
+def _damage(path: Path, rng: Rng, *, checked: bool) -> None:
+    """Random damage to a store or, if `checked`, other content with right checksums."""
+    if not checked:
+        path.write_bytes(at_random(bytearray(path.read_bytes()), rng))
+        return
+    for _ in range(int(rng.integers(1, 3))):
+        # what can't be written, or is no store any more, stays as it is
+        with suppress(ValueError, TypeError, OverflowError, IndexError, KeyError, struct.error):
+            _store_changed(path, rng)
 
 
 def _same_or_refused(path: Path, sound: Store | None, rng: Rng) -> str:
@@ -310,8 +315,7 @@ def _store_changed(path: Path, rng: Rng) -> None:
     if kind == 0:
         name = choice(rng, store_index.SECTIONS)
         if name == "facts":
-            facts = {key: found[key] for key in ("dataset", "split", "fold")}
-            storefiles.reindex(path, json_changed(facts, rng))
+            storefiles.reindex(path, json_changed(storefiles.facts_of(found), rng))
         elif name == "file_data":
             storefiles.reindex(path, file_data=at_random(bytearray(found[name]), rng))
         else:
@@ -361,6 +365,27 @@ def _store_changed(path: Path, rng: Rng) -> None:
         storefiles.put_block(path, number, int(rng.integers(0, len(table))), some)
 
 
+def joined_store(rng: Rng, home: Path) -> str:
+    """A round on joined shards: the same events or a FormatError, and `join` writes what can be opened, or nothing."""
+    folder, sound = home / "joined", home / "sound-shards"
+    if not sound.exists():
+        put_back(home / "to-join", RECORDINGS | {"list.txt": b"x"})
+        sound.mkdir()
+        nvsdata.join(storefiles.packed(home / "to-join", sound / "a.nvs", 2), sound / "a.nvs")
+    put_back(folder, {path.name: path.read_bytes() for path in sound.iterdir()})
+    shards = sorted(folder.glob("a-*"))
+    changed, checked = choice(rng, (folder / "a.nvs", *shards)), rng.random() < 0.7
+    if changed not in shards or not replaced(changed, rng, home):
+        _damage(changed, rng, checked=checked)
+    found = _same_or_refused(folder / "a.nvs", None if checked else Store(sound / "a.nvs"), rng)
+    try:
+        nvsdata.join(shards, folder / "b.nvs")
+    except (OSError, ValueError):
+        return found
+    Store(folder / "b.nvs")  # what is joined can be opened
+    return found or _same_or_refused(folder / "b.nvs", None, rng)
+
+
 def second_store(rng: Rng, home: Path) -> str:
     """A round on a packed store of the second layout."""
     path, sound = home / "store.h5", choice(rng, SECOND)
@@ -401,13 +426,13 @@ def packing(rng: Rng, home: Path) -> str:
     data = EventFolder(folder, sensor_size=(34, 34))
     out.unlink(missing_ok=True)
     shutil.rmtree(part, ignore_errors=True)
-    finish = writer._finish
-    writer._finish = _killed
+    finish = writing._finish
+    writing._finish = _killed
     try:
         with suppress(KeyboardInterrupt), redirect_stderr(io.StringIO()):
             nvsdata.pack(data, out, compress=compress)
     finally:
-        writer._finish = finish
+        writing._finish = finish
     for path in [part / name for name in ("data", "journal.jsonl") if rng.random() < 0.7]:
         if replaced(path, rng, home):
             continue
@@ -540,7 +565,12 @@ def lock(rng: Rng, home: Path) -> str:
 
 _ROUNDS: dict[str, Callable[[Rng, Path], str]] = {f"index of {kind}": indexed(kind) for kind in (*INDEXED, "aedat4")}
 _ROUNDS |= {"index of a folder": listing, "index of windows": windows, "cache": cached}
-_ROUNDS |= {"store": store, "store of the second layout": second_store, "packing": packing}
+_ROUNDS |= {
+    "store": store,
+    "store of joined shards": joined_store,
+    "store of the second layout": second_store,
+    "packing": packing,
+}
 _ROUNDS |= {"manifest": manifest, "journal": journal, ".davis": davis, "lock": lock}
 ROUNDS = {f"side file: {name}": how for name, how in _ROUNDS.items()}
 

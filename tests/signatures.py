@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata import cli
+from nvsdata.datasets.resumable import ResumableBatches
 from nvsdata.emulation.frame_emulator import FrameEmulator
 
 FILE = Path(__file__).with_suffix(".txt")
@@ -45,6 +46,8 @@ def lines() -> list[str]:
                 found.append(f"{package}.{name} = {thing!r}")
     # whose methods both emulators have
     found += described("nvsdata.emulation.frame_emulator.FromFrames", FrameEmulator)
+    # whose methods all batches that can be resumed have
+    found += described("nvsdata.datasets.resumable.ResumableBatches", ResumableBatches)
     for name, command in cli.COMMANDS.items():
         parser = argparse.ArgumentParser()
         importlib.import_module(f"nvsdata.commands.{command.module}").add_arguments(parser)

@@ -9,13 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from nvsdata import EventFolder, pack
 from nvsdata.datasets.store import index
 from nvsdata.datasets.store.record import BLOCK, HEAD
+from nvsdata.datasets.store.shards import shard_path
 from nvsdata.kernels.decode.blocks import crc32c
 
 FIELDS = (
     "check blocks events base duration begin end width height t_bytes xy_bytes compressed format"  # of a record's head
 ).split()
+COUNT = 3  # shards
+
+
+def packed(root: Path, out: Path, count: int = COUNT, **settings: Any) -> list[Path]:
+    """Pack a folder in shards, and return their paths."""
+    for i in range(1, count + 1):
+        pack(EventFolder(root), out, shard=(i, count), **settings)
+    return [shard_path(out, (i, count)) for i in range(1, count + 1)]
 
 
 def check_of(raw: bytes | np.ndarray) -> int:
@@ -27,7 +37,8 @@ def index_of(path: Path) -> dict[str, Any]:
     """Facts and sections of a store's index."""
     raw = path.read_bytes()
     place, length, _ = index.index_place(raw[: index.BEGIN], len(raw))
-    return index.unpacked_index(raw[place : place + length])
+    # a bytearray, so that tests can change the arrays
+    return index.unpacked_index(bytearray(raw[place : place + length]))
 
 
 def put_index(path: Path, packed: bytes) -> None:
@@ -40,9 +51,15 @@ def put_index(path: Path, packed: bytes) -> None:
 def reindex(path: Path, facts: dict[str, Any] | None = None, **changes: Any) -> None:
     """Change facts and sections of a store's index."""
     found = index_of(path)
-    kept = {name: found[name] for name in ("dataset", "split", "fold")}
     sections = {name: found[name] for name in index.SECTIONS[1:]} | changes
-    put_index(path, index.packed_index(kept if facts is None else facts, **sections))
+    put_index(path, index.packed_index(facts_of(found) if facts is None else facts, **sections))
+
+
+def facts_of(found: dict[str, Any]) -> dict[str, Any]:
+    """Facts of an index: dataset, split and fold, and the shard that the store is, or the shards that it has."""
+    return {
+        name: found[name] for name in ("dataset", "split", "fold", "shard", "shards") if found[name] not in (None, [])
+    }
 
 
 def head_at(path: Path, number: int) -> tuple[int, dict[str, Any], np.ndarray]:
@@ -77,9 +94,11 @@ def block_places(path: Path, number: int) -> list[int]:
 
 
 def put_block(path: Path, number: int, block: int, change: Callable[[bytearray], bytes | bytearray]) -> None:
-    """Change the bytes of a block, not their number, with right checksums."""
+    """Change the bytes of a block, not their number, with right checksums. ValueError if the file ends before it."""
     begin, end = block_places(path, number)[block : block + 2]
     raw = bytearray(path.read_bytes())
+    if end > len(raw):
+        raise ValueError(f"block {block} ends at byte {end} of {len(raw)}")
     raw[begin:end] = changed = change(raw[begin:end])
     assert len(changed) == end - begin
     path.write_bytes(raw)

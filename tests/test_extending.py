@@ -18,7 +18,7 @@ from nvsdata import FormatError, models
 from nvsdata import transforms as T
 from nvsdata.cli import main
 from nvsdata.common import registry
-from nvsdata.datasets import DATASETS, EventDataset, dataset_named, register_dataset
+from nvsdata.datasets import EventDataset, dataset_named, register_dataset
 from nvsdata.emulation.convert import convert_videos
 from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.search import search
@@ -29,19 +29,12 @@ from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import record
 from nvsdata.transforms import TRANSFORMS
 
+pytestmark = pytest.mark.usefixtures("same_registries")
 TEXT = (Path(__file__).parents[1] / "docs/extending.md").read_text(encoding="utf-8")
 EXAMPLES = {
     title.strip().split()[-1]: code
     for title, code in re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", TEXT, re.M | re.S)
 }
-
-
-@pytest.fixture(autouse=True)
-def _as_before(monkeypatch):
-    """What a test registers is forgotten."""
-    for known in (DATASETS, FORMATS, TRANSFORMS, NETWORKS):
-        known.load_installed()
-        monkeypatch.setattr(known, "_known", dict(known._known))
 
 
 @pytest.fixture

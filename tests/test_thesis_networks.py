@@ -90,9 +90,9 @@ NETWORKS = [
         lambda: depth(6),
         ([64, 128, 256, 512, 512, 512], [(2, 2), (4, 3), (8, 6), (16, 12), (30, 23), (60, 45)], 1024),
     ),
-    ("docs/models.md", lambda: depth(4, **models.SMALL_DEPTHS[4]), ([32, 64, 64, 128], [(2, 2), (4, 4), (7, 7)], 128)),
+    ("departures.md", lambda: depth(4, **models.SMALL_DEPTHS[4]), ([32, 64, 64, 128], [(2, 2), (4, 4), (7, 7)], 128)),
     (
-        "docs/models.md: N-MNIST",
+        "departures.md: N-MNIST",
         lambda: depth(5, **models.SMALL_DEPTHS[5]),
         ([32, 64, 64, 128, 128], [(2, 2), (4, 4), (7, 7)], 128),
     ),

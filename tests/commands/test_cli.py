@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import fields
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 import trees
@@ -37,6 +38,26 @@ def test_info_says_what_is_in_a_file(file, capsys):
     out = capsys.readouterr().out
     for expected in ("hdf5", "34x30", "events     4", "1.000000 s", "4 events/s", "75.0% ON", "1 duplicate events"):
         assert expected in out
+    assert "guessed" not in out
+
+
+def test_info_says_that_a_sensor_size_is_guessed_and_how_to_state_it(tmp_path, capsys):
+    nvsdata.write(Events([0, 10], [1, 2], [1, 2], [1, 0], (34, 30)), tmp_path / "a.bin")
+    assert main(["info", str(tmp_path / "a.bin")]) == 0
+    out = capsys.readouterr().out
+    assert "sensor     3x3, guessed from the events" in out
+    assert "--sensor-size WxH" in out
+    assert main(["info", "--json", str(tmp_path / "a.bin")]) == 0
+    assert json.loads(capsys.readouterr().out)["size_is_guessed"]
+
+
+def test_convert_says_that_it_writes_a_guessed_sensor_size(tmp_path, capsys):
+    nvsdata.write(Events([0, 10], [1, 2], [1, 2], [1, 0], (34, 30)), tmp_path / "a.bin")
+    assert main(["convert", str(tmp_path / "a.bin"), str(tmp_path / "a.h5")]) == 0
+    assert "the sensor size 3x3 is guessed from the events: --sensor-size states it" in capsys.readouterr().err
+    for words in (["-q"], ["--sensor-size", "34x30"]):
+        assert main(["convert", str(tmp_path / "a.bin"), str(tmp_path / "a.h5"), "--overwrite", *words]) == 0
+        assert not capsys.readouterr().err
 
 
 def test_info_goes_on_after_a_bad_file(file, tmp_path, capsys):
@@ -46,6 +67,17 @@ def test_info_goes_on_after_a_bad_file(file, tmp_path, capsys):
     assert "byte 0: truncated" in err
     assert "none.bin" in err
     assert "is a folder" in err
+    assert "34x30" in out
+
+
+def test_info_goes_on_after_a_file_that_needs_a_missing_package(file, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("lz4")
+    nvsdata.write(nvsdata.example().window(0, 1_000), tmp_path / "a.aedat4")
+    for name in ("lz4", "lz4.frame"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main(["info", str(tmp_path / "a.aedat4"), str(file)]) == 1
+    out, err = capsys.readouterr()
+    assert "a.aedat4: AEDAT 4 needs" in err
     assert "34x30" in out
 
 
@@ -71,6 +103,13 @@ def test_an_unknown_command_is_a_usage_error(capsys):
     assert "invalid choice" in capsys.readouterr().err
 
 
+def test_who_looks_for_a_command_that_trains_is_sent_to_the_recipes(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["train", "--root", "digits"])
+    found = re.search(r"no command 'train': .*python (recipes/\w+\.py)", capsys.readouterr().err)
+    assert (Path(nvsdata.__file__).parents[1] / found[1]).exists()
+
+
 def test_the_demos_network_learns(tmp_path, monkeypatch, capsys):
     """Five shapes, of eight recordings each, two more for validation. Guesses are as good once in 100,000 times."""
     monkeypatch.setattr(demo_training, "COUNTS", {"train": 10, "test": 4})
@@ -80,7 +119,7 @@ def test_the_demos_network_learns(tmp_path, monkeypatch, capsys):
     assert lines[-1]["loss"] < 1.35
     assert lines[-1]["train_accuracy"] >= 0.5
     output = capsys.readouterr().out.splitlines()
-    single, votes = (float(line.partition(":")[2].split()[0]) for line in output[-3:-1])
+    single, votes = (float(line.partition(":")[2].split()[0]) for line in output[-6:-4])
     assert single >= 0.45
     assert votes >= 0.5
     assert votes * 20 == pytest.approx(round(votes * 20))
@@ -94,11 +133,16 @@ def test_demo_makes_data_pictures_and_the_same_model_again(tmp_path, monkeypatch
         assert main(["demo", "--out", str(out), "--epochs", "2", "--seed", "3"]) == 0
         output = capsys.readouterr().out.splitlines()
         assert output[0] == f"10 recordings for training, 5 for validation, 5 for testing, in {out / 'shapes'}"
-        assert output[-4] == "accuracy on 5 test recordings, with 95% intervals"
-        assert re.fullmatch(r"  one 30 ms window: +0\.\d{3} \(0\.\d{3} to 0\.\d{3}\)", output[-3])
-        assert output[-2].startswith("  vote of 5 such windows: ")
-        network = out / "model.safetensors"
-        assert output[-1] == f"plots: {out / 'samples.png'}, {out / 'learning.png'}; network: {network}"
+        assert re.fullmatch(r"epoch 2, .*loss \d\.\d+, train accuracy .*, validation accuracy 0.*", output[-8])
+        assert output[-7] == "accuracy on 5 test recordings, with 95% intervals"
+        assert re.fullmatch(r"  one 30 ms window: +0\.\d{3} \(0\.\d{3} to 0\.\d{3}\)", output[-6])
+        assert output[-5].startswith("  vote of 5 such windows: ")
+        assert output[-4] == f"plots: {out / 'samples.png'}, {out / 'learning.png'}"
+        assert output[-3] == f"network: {out / 'model.safetensors'}"
+        command = output[-2].partition(": nvsdata ")[2].split()
+        assert main([*command, str(tmp_path / f"{name}.png")]) == 0
+        assert (Path(nvsdata.__file__).parents[1] / re.search(r"docs/\S+", output[-1])[0]).exists()
+        capsys.readouterr()
         lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
         logs.append([{k: v for k, v in line.items() if k != "seconds"} for line in lines])
     # not by the clock
@@ -376,7 +420,8 @@ def test_verify_gives_a_fault_a_line_whatever_the_name(tmp_path, terminal):
     assert code == 1
     assert out[0] == f"{name}/{name}.bin: 2 bytes of a torn record, cut off"
     assert out[1].startswith(f"{name}/{name}.h5: {tmp_path}/{name}/{name}.h5: ")
-    assert out[2:] == ["3 recordings opened: 2 faults"]
+    assert out[2].startswith("2 recordings state no sensor size: ")
+    assert out[3:] == ["3 recordings opened: 2 faults"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="shells as POSIX has them")
@@ -394,6 +439,10 @@ ORDERS = {  # arguments, and an option with the value that it may have
     "gallery": (["root", "b.html"], ["--dataset", "n-mnist"]),
     "download": (["n-mnist"], ["--root", "a"]),
     "pack": (["root"], ["--dataset", "n-mnist", "--out", "a.h5"]),
+    "precompute": (["root"], ["--dataset", "n-mnist", "--transform", "RadiusGraph()", "--out", "a.nvs"]),
+    "join": (["a-1-of-2.nvs", "a-2-of-2.nvs"], ["--out", "a.nvs"]),
+    "push": (["a.nvs", "b.nvs", "s3://a/b"], ["--overwrite"]),
+    "fetch": (["s3://a/b.nvs"], ["--out", "a"]),
     "convert": (["a.h5", "b.raw"], ["--format", "evt2"]),
     "convert-videos": (["a"], ["--fps", "10"]),
     "compare": (["a.h5", "b.h5"], ["--fps", "10"]),

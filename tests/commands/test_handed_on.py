@@ -160,28 +160,33 @@ def test_a_page_has_the_frames_up_to_its_last_event(tmp_path, monkeypatch):
     nvsdata.write(Piece.of_camera(events, frames), tmp_path / "a.h5")
     drawn = []
 
-    def page(events, name, frames, window):
-        drawn.append((name, [frame.exposure_start for frame in frames], window))
+    def page(events, name, frames, window, origin):
+        drawn.append((name, [frame.exposure_start for frame in frames], window, origin))
         return "<p>"
 
     monkeypatch.setattr("nvsdata.plots.page.player_page", page)
-    save_view(tmp_path / "b.HTML", "a", nvsdata.open(tmp_path / "a.h5"), events, Film(), 7)
+    save_view(tmp_path / "b.HTML", "a", nvsdata.open(tmp_path / "a.h5"), events, Film(), 7, 3)
     nvsdata.write(events, tmp_path / "c.h5")
-    save_view(tmp_path / "d.html", "c", nvsdata.open(tmp_path / "c.h5"), events, Film(), None)
-    assert drawn == [("a", [5, 9], 7), ("c", [], None)]
+    save_view(tmp_path / "d.html", "c", nvsdata.open(tmp_path / "c.h5"), events, Film(), None, None)
+    assert drawn == [("a", [5, 9], 7, 3), ("c", [], None, None)]
     assert (tmp_path / "b.HTML").read_text() == "<p>"
 
 
 def test_view_takes_what_it_is_told(tmp_path, monkeypatch, capsys):
     films = []
-    monkeypatch.setattr("nvsdata.commands.view.save_view", lambda *args: films.append(args))
+
+    def save(out, *more):
+        films.append((out, *more))
+        out.write_bytes(bytes(1_260_000))
+
+    monkeypatch.setattr("nvsdata.commands.view.save_view", save)
     nvsdata.write(Events(range(1_200), [0] * 1_200, [0] * 1_200, [0] * 1_200, (4, 4)), tmp_path / "a.h5")
     monkeypatch.chdir(tmp_path)
     assert main(["view", "a.h5"]) == 0
-    assert capsys.readouterr().out == "1,200 events in a.h5.html\n"
+    assert capsys.readouterr().out == "1,200 events in a.h5.html, 1.3 MB\n"
     assert main(["view", "a.h5", "b.PNG", "--duration", "1", "--start", "5", "--stop", "9"]) == 0
-    assert capsys.readouterr().out == "4 events in b.PNG\n"
-    assert [film[4:] for film in films] == [(Film(33_333, None, 1.0, 30.0, None), None), (Film(1), 1)]
+    assert capsys.readouterr().out == "4 events in b.PNG, 1.3 MB\n"
+    assert [film[4:] for film in films] == [(Film(33_333, None, 1.0, 30.0, None), None, None), (Film(1), 1, 0)]
     assert [film[:2] for film in films] == [(Path("a.h5.html"), "a.h5"), (Path("b.PNG"), "a.h5")]
 
 
@@ -237,6 +242,9 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
     assert 0 < asked[0] < 1 / 1_000
 
 
+PLAIN = {"jobs": 1, "scheduler": None, "compress": False, "overwrite": False, "shard": None}
+
+
 def test_what_was_packed_is_counted(tmp_path, monkeypatch, capsys):
     from nvsdata.datasets.store import writer
 
@@ -254,11 +262,33 @@ def test_what_was_packed_is_counted(tmp_path, monkeypatch, capsys):
     assert main(words) == 0
     assert capsys.readouterr() == ("1,200 recordings, 5,600,000 events in b.h5; 0 left out\n", "")
     skipped["a\nb"] = "cut off"
-    assert main([*words, "--split", "train", "--jobs", "3", "--compress", "--overwrite"]) == 1
+    assert (
+        main(
+            [
+                *words,
+                "--split",
+                "train",
+                "--jobs",
+                "3",
+                "--compress",
+                "--overwrite",
+                "--shard",
+                "2/3",
+                "--scheduler",
+                "here",
+            ]
+        )
+        == 1
+    )
     output = capsys.readouterr()
-    assert output == ("1,200 recordings, 5,600,000 events in b.h5; 1 left out\n", "left out a\\nb: cut off\n")
-    assert asked[0] == ("EventFolder", "all", Path("b.h5"), {"jobs": 1, "compress": False, "overwrite": False})
-    assert asked[1] == ("EventFolder", "train", Path("b.h5"), {"jobs": 3, "compress": True, "overwrite": True})
+    assert output == ("1,200 recordings, 5,600,000 events in b-2-of-3.h5; 1 left out\n", "left out a\\nb: cut off\n")
+    assert asked[0] == ("EventFolder", "all", Path("b.h5"), PLAIN)
+    assert asked[1] == (
+        "EventFolder",
+        "train",
+        Path("b.h5"),
+        {"jobs": 3, "scheduler": "here", "compress": True, "overwrite": True, "shard": (2, 3)},
+    )
     with pytest.raises(SystemExit, match="2"):
         main([*words, "--split", "half"])
 
@@ -266,10 +296,16 @@ def test_what_was_packed_is_counted(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_faults_are_counted(monkeypatch, capsys, count):
     found = [(f"{n}\n.bin", "cut off") for n in range(count)]
-    monkeypatch.setattr(
-        "nvsdata.datasets.verification.problems", lambda root, kind, counts: counts.update(opened=7) or found
-    )
-    assert main(["verify", "in"]) == min(count, 1)
+    asked = []
+
+    def problems(root, kind, counts, **options):
+        asked.append(options)
+        counts.update(opened=7)
+        return found
+
+    monkeypatch.setattr("nvsdata.datasets.verification.problems", problems)
+    assert main(["verify", "in", "--jobs", "3", "--scheduler", "here", "--shard", "2/3"]) == min(count, 1)
+    assert asked == [{"jobs": 3, "scheduler": "here", "shard": (2, 3)}]
     lines = [f"{n}\\n.bin: cut off" for n in range(count)]
     assert capsys.readouterr().out.splitlines() == [
         *lines,
@@ -364,7 +400,8 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
 def test_a_journal_goes_once_its_recording_is_whole(tmp_path, monkeypatch, capsys, source, repairs, lost, stays):
     asked = []
     monkeypatch.setattr(
-        "nvsdata.formats.open", lambda path, **how: asked.append(how) or SimpleNamespace(repairs=repairs)
+        "nvsdata.formats.open",
+        lambda path, **how: asked.append(how) or SimpleNamespace(repairs=repairs, size_is_guessed=False),
     )
     monkeypatch.setattr("nvsdata.formats.left_out", lambda *given: lost)
     monkeypatch.setattr("nvsdata.formats.write", lambda *given, **how: 1_200)

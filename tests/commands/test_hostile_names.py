@@ -33,6 +33,7 @@ from nvsdata.training import runs as recipes
 # a title, a line of its own, a line that overwrites, C1, right to left, a byte that isn't UTF-8, a tag, an attribute
 BAD = "\x1b]0;owned\x07\nowned: 3\rowned\x9b31m\u202e\u2028\udcff<owned>\"'&onowned=1 äß日本\u3099"
 TAG = f"</script><owned>{BAD}" + "x" * 5_000
+FOLDER = ("--dataset", "folder")
 STEM = BAD + "x" * 100
 PLAYED = BAD.replace("\udcff", "")  # OpenCV opens no others
 
@@ -105,10 +106,15 @@ def calls(root):
         ("datasets", 0, "--root", root.parent / f"kept{BAD}"),
         ("download", 0, "n-mnist", "--root", root, "--mirror", root, "--dry-run"),
         ("download", 1, "n-mnist", "--root", sound),
-        ("pack", 0, root, "--dataset", "folder", "--out", out.with_suffix(".h5"), "--dry-run"),
-        ("pack", 1, root, "--dataset", "folder", "--out", out.with_suffix(".h5")),
-        ("pack", 1, root, "--dataset", "folder", "--out", out.with_suffix(".h5")),
-        ("pack", 2, root, "--dataset", "folder", "--out", out.with_suffix(".h5"), "--split", BAD),
+        ("pack", 0, root, *FOLDER, "--out", out.with_suffix(".h5"), "--dry-run"),
+        ("pack", 1, root, *FOLDER, "--out", out.with_suffix(".h5")),
+        ("pack", 1, root, *FOLDER, "--out", out.with_suffix(".h5")),
+        ("pack", 2, root, *FOLDER, "--out", out.with_suffix(".h5"), "--split", BAD),
+        ("precompute", 1, root, *FOLDER, "--transform", "RadiusGraph()", "--out", out.with_suffix(".nvs")),
+        ("precompute", 2, root, *FOLDER, "--transform", BAD, "--out", out.with_suffix(".nvs")),
+        ("join", 1, out.with_suffix(".h5"), "--out", out.with_suffix(".nvs")),
+        ("push", 1, out.with_suffix(".h5"), f"s9://a/{BAD}"),
+        ("fetch", 1, f"s9://a/{BAD}", "--out", out),
         ("verify", 1, root),
         ("verify", 1, root, "--json"),
         ("verify", 1, out.with_suffix(".h5")),

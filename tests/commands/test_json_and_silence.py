@@ -50,7 +50,7 @@ def test_files_as_json(said, tmp_path):
     code, (facts, empty) = said("info", "--json", tmp_path / "a.h5", tmp_path / "none.h5", trees_empty(tmp_path))
     assert code == 1
     assert facts == {"file": str(tmp_path / "a.h5"), "format": "hdf5", "sensor_size": [34, 30], "events": 2} | {
-        "first": 5, "last": 15, "on": 0.5, "anomalies": {},
+        "size_is_guessed": False, "first": 5, "last": 15, "on": 0.5, "anomalies": {},
     }  # fmt: skip
     assert (empty["events"], empty["first"], empty["on"]) == (0, None, None)
     code, (made,) = said("convert", "--json", tmp_path / "a.h5", tmp_path / "b.aedat")
@@ -234,6 +234,7 @@ def test_quiet_leaves_notes_and_progress_out(monkeypatch, capsys, tmp_path):
         seen.append(is_quiet())
         remark("by the way")
         list(bar(range(3), "working"))
+        logging.getLogger("nvsdata.remote").warning("trouble")
         print("result")
         return 0
 
@@ -244,6 +245,7 @@ def test_quiet_leaves_notes_and_progress_out(monkeypatch, capsys, tmp_path):
     output = capsys.readouterr()
     assert "by the way" in output.err
     assert "working" in output.err
+    assert "trouble" in output.err
     assert seen == [True, False]
     assert not is_quiet()
     with pytest.raises(SystemExit):

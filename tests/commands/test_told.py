@@ -68,6 +68,17 @@ def test_info_of_nothing_tells_no_times(tmp_path, capsys):
     assert lines[1:] == ["  format     hdf5", "  sensor     34x30", "  events     0", "  anomalies  none"]
 
 
+def test_info_decodes_once(tmp_path, monkeypatch):
+    nvsdata.write(Events([5, 15, 15], [1, 1, 1], [0, 0, 0], [1, 1, 0], (34, 30)), tmp_path / "a.dat")
+    decoded = []
+    decode = type(nvsdata.open(tmp_path / "a.dat")).decode
+    monkeypatch.setattr(
+        type(nvsdata.open(tmp_path / "a.dat")), "decode", lambda self: decoded.append(self.path) or decode(self)
+    )
+    assert main(["info", str(tmp_path / "a.dat")]) == 0
+    assert decoded == [str(tmp_path / "a.dat")]
+
+
 @pytest.fixture
 def two(tmp_path):
     """Recordings of 130 and 80 ms; times count from the beginning of each."""
@@ -83,17 +94,18 @@ def test_compare_tells_distances_and_how_many_frames_they_are_of(two, tmp_path, 
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == [f"A  {two[0]}  {a}", f"B  {two[1]}  {b}"]
-    assert lines[2].split() == "distance A to B B to A frames empty in A empty in B".split()
+    assert lines[2].split() == "distance A to B B to A closer if frames empty in A empty in B".split()
     found = metrics.compare(a, b, 20, offset=60_000)
     # frames of 50 ms: A has events in the first, second and third, B in the second and third
-    for line, name, there, back in zip(
+    for line, name, closer, there, back in zip(
         lines[3:6],
         ("Chamfer", "e-repeatability", "EMD"),
+        ("lower", "higher", "lower"),
         (found.chamfer, found.repeatability, found.emd),
         (found.chamfer_back, found.repeatability_back, found.emd),
         strict=True,
     ):
-        assert line.split() == [name, f"{there.value:.4f}", f"{back.value:.4f}", "2", "0", "1"]
+        assert line.split() == [name, f"{there.value:.4f}", f"{back.value:.4f}", closer, "2", "0", "1"]
     assert lines[6:8] == ["", "events  A  B  A / B"]
     assert [line.split()[0] for line in lines[8:10]] == ["OFF", "ON"]
     assert lines[10:] == [f"image: {picture}"]
@@ -203,6 +215,13 @@ DEFAULTS = {
     "datasets": ([], {"root": Path()}),
     "cache": (["info"], {}),
     "pack": (["a", "--dataset", "folder", "--out", "b"], {"split": "all", "jobs": 1}),
+    "precompute": (
+        ["a", "--dataset", "folder", "--transform", "c", "--out", "b"],
+        {"split": "all", "jobs": 1},
+    ),
+    "join": (["a", "--out", "b"], {}),
+    "push": (["a", "s3://a"], {}),
+    "fetch": (["s3://a", "--out", "b"], {}),
     "convert": (["a", "b"], {}),
     "convert-videos": (
         ["a"],
@@ -215,7 +234,7 @@ DEFAULTS = {
     ),
     "record": ([], {"bias": [], "format": "hdf5", "display": 0, "scaling": "aspect"}),
     "bench": ([], {"tasks": ["all"], "only": "", "device": "cpu"}),
-    "verify": (["a"], {}),
+    "verify": (["a"], {"jobs": 1}),
     "info": (["a"], {}),
     "download": (["folder"], {}),
 }

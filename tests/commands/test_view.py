@@ -28,6 +28,18 @@ def test_a_page_is_written_beside_nothing_else(file, tmp_path, capsys):
     assert "300 events, 299.0 ms, 34x30 pixels" in (tmp_path / "a.h5.html").read_text("utf-8")
 
 
+def test_the_size_of_a_page_is_stated_and_a_large_one_says_how_to_make_it_smaller(file, tmp_path, capsys, monkeypatch):
+    assert main(["view", str(file)]) == 0
+    size = (tmp_path / "a.h5.html").stat().st_size
+    out, err = capsys.readouterr()
+    assert out == f"300 events in a.h5.html, {size / 1e6:.1f} MB\n"
+    assert err == ""
+    for limit, large in ((size, False), (size - 1, True)):
+        monkeypatch.setattr("nvsdata.commands.view.LARGE", limit)
+        assert main(["view", str(file), "--overwrite"]) == 0
+        assert ("--start and --stop select a part" in capsys.readouterr().err) == large
+
+
 def test_pictures_and_films(file, tmp_path):
     assert main(["view", str(file), "a.png", "--duration", "5000"]) == 0
     assert cv2.imread(str(tmp_path / "a.png")).ndim == 3
@@ -35,7 +47,7 @@ def test_pictures_and_films(file, tmp_path):
     with Image.open(tmp_path / "a.gif") as gif:
         assert (gif.size, gif.n_frames) == ((34, 30), 10)
     # a tenth of the speed, a tenth of the time: as long as the whole
-    window = ["--start", str(10**12), "--stop", str(10**12 + 30_000)]
+    window = ["--start", "0", "--stop", "30000"]
     assert main(["view", str(file), "a.mp4", "--speed", "0.1", *window]) == 0
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 9
@@ -151,23 +163,37 @@ def test_a_gallery_draws_from_all_and_shows_six(classes, capsys):
 
 
 def test_a_window_without_the_recording_writes_nothing_and_says_why(file, tmp_path, capsys):
-    before, after = ["--stop", "2000000"], ["--start", str(10**12 + 299_001)]
-    for window in (before, after, [*before, "--relative", "--start", "299001"]):
+    for window in (["--stop", "0"], ["--start", "299001"], ["--start", str(10**12)]):
         assert main(["view", str(file), *window]) == 1
         err = capsys.readouterr().err
         assert f"{file}: the window [" in err
-        assert "the file's are at 1000000000000 to 1000000299000 µs" in err
-        assert ("--relative counts from the first" in err) is ("--relative" not in window)
+        assert "the recording's events are at 0 to 299000 µs; --start and --stop count from the first event" in err
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
-    assert main(["view", str(file), "a.png", "--relative", "--start", "10000", "--stop", "30000"]) == 0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_window_counts_from_the_first_event(file, tmp_path, capsys):
+    assert main(["view", str(file), "a.png", "--start", "10000", "--stop", "30000"]) == 0
     assert "20 events in a.png" in capsys.readouterr().out
     # between two events there may be none
-    assert main(["view", str(file), "b.png", "--relative", "--start", "10001", "--stop", "11000"]) == 0
+    assert main(["view", str(file), "b.png", "--start", "10001", "--stop", "11000"]) == 0
     assert "0 events in b.png" in capsys.readouterr().out
+    assert main(["view", str(file), "c.png", "--start", "299000", "--stop", "299001"]) == 0
+    assert "1 events in c.png" in capsys.readouterr().out
+    # so do the times of the player
+    for name, start, offset in (("a.html", ["--start", "9500"], 9_500), ("b.html", ["--stop", "20000"], 0)):
+        assert main(["view", str(file), name, *start]) == 0
+        assert re.findall(r'"offset": ?(\d+)', (tmp_path / name).read_text("utf-8")) == [str(offset)]
+
+
+def test_a_window_that_ends_after_the_recording_is_warned_of(file, capsys):
+    with pytest.warns(UserWarning, match="a.h5: --stop 299002 is after the last event; the recording's events are at"):
+        assert main(["view", str(file), "a.png", "--start", "290000", "--stop", "299002"]) == 0
+    assert "10 events in a.png" in capsys.readouterr().out
 
 
 def test_a_recording_of_unknown_span_is_asked_for_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.bin").write_bytes(trees.atis(trees.some(1, first=1_000_000)))
-    assert main(["view", "a.bin", "--stop", "5"]) == 1
-    assert "a.bin: the window [, 5) has no events" in capsys.readouterr().err
+    assert main(["view", "a.bin", "--stop", "0"]) == 1
+    assert "a.bin: the window [, 0) has no events" in capsys.readouterr().err

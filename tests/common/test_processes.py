@@ -5,34 +5,37 @@ import signal
 import time
 
 import pytest
-from processes_of_others import another_process
+from processes_of_others import another_process, answer
 
 from nvsdata.common import processes
 
 
 @pytest.mark.parametrize("method", ["forkserver", "spawn"])
-def test_a_pool_works_however_its_processes_start(monkeypatch, method):
+def test_a_process_answers_however_it_starts(monkeypatch, method):
     if method not in multiprocessing.get_all_start_methods():
         pytest.skip(f"no {method} on this system")
     monkeypatch.setattr(processes, "get_all_start_methods", lambda: [method])
-    with processes.process_pool(2, "nvsdata.data.events") as workers:
-        assert list(workers.map(operator.neg, range(5))) == [0, -1, -2, -3, -4]
+    process, connection = processes.connected_process(answer, operator.neg, "nvsdata.data.events")
+    connection.send(5)
+    assert connection.recv() == -5
+    process.join()
+    with pytest.raises(EOFError):
+        connection.recv()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills as POSIX does")
 @pytest.mark.parametrize("method", ["forkserver", "spawn"])
 def test_workers_end_with_the_process_that_started_them(method):
     code = f"""
-        import os, time
+        import time
         from nvsdata.common import processes
+        from processes_of_others import answer
         processes.get_all_start_methods = lambda: [{method!r}]
         if __name__ == "__main__":
-            pool = processes.process_pool(2, "nvsdata.data.events")
-            pids = set()
-            while len(pids) < 2:
-                pids |= set(pool.map(eval, ['__import__("time").sleep(0.2) or __import__("os").getpid()'] * 2))
-            futures = [pool.submit(time.sleep, 600) for _ in range(2)]
-            print(*pids, flush=True)
+            made = [processes.connected_process(answer, time.sleep, "nvsdata.data.events") for _ in range(2)]
+            for _, connection in made:
+                connection.send(600)
+            print(*(process.pid for process, _ in made), flush=True)
             time.sleep(600)
     """
     with another_process(code) as (process, line):
@@ -43,6 +46,20 @@ def test_workers_end_with_the_process_that_started_them(method):
         while any(_runs(pid) for pid in pids):
             assert time.monotonic() < deadline, "a worker outlives its parent"
             time.sleep(0.05)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_ctrl_c_ends_no_worker_that_still_imports():
+    code = """
+        from nvsdata.common import processes
+        from processes_of_others import answer, blocked
+        if __name__ == "__main__":
+            _, connection = processes.connected_process(answer, blocked, "nvsdata.data.events")
+            connection.send(())
+            print(connection.recv(), blocked(()), flush=True)
+    """
+    with another_process(code) as (_, line):
+        assert line == "True False\n"
 
 
 def _runs(pid):

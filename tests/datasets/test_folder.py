@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 import trees
 
@@ -82,3 +84,16 @@ def test_what_a_store_leaves_out_is_skipped_once(home, tmp_path):
     assert "left out: 1" in repr(UCF101DVS(tmp_path / "a.h5"))
     with pytest.raises(ValueError, match=f"{tmp_path / 'a.h5'} contains ucf101-dvs, not folder"):
         EventFolder(tmp_path / "a.h5")
+
+
+def test_a_missing_package_is_told_when_a_folder_is_listed(tmp_path, monkeypatch):
+    pytest.importorskip("lz4")
+    trees.put(tmp_path, {"ant/0.bin": ONE})
+    nvsdata.write(nvsdata.example(), tmp_path / "ant/1.aedat4")
+    for name in ("lz4", "lz4.frame", "zstandard"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ImportError, match=r"ant/1\.aedat4: AEDAT 4 needs .* pip install 'nvsdata\[aedat4\]'"):
+        EventFolder(tmp_path)
+    # damage isn't reported here, and what needs no package is read
+    (tmp_path / "ant/1.aedat4").write_bytes(b"damaged")
+    assert len(EventFolder(tmp_path)) == 2

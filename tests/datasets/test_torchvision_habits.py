@@ -161,3 +161,12 @@ def test_classes_drawn_equally_often(digits):
     assert np.allclose(drawn[:3], 2_000, atol=200)
     loader = DataLoader(dataset, 4, sampler=WeightedRandomSampler(weights[dataset.targets], 8))
     assert len(list(loader)) == 2
+
+
+@pytest.mark.parametrize("name", nvsdata._ELSEWHERE)
+def test_names_of_torchvision_are_answered_with_ours(name):
+    for line in (f"from nvsdata import {name}", f"import nvsdata; nvsdata.{name}"):
+        with pytest.raises(ImportError, match=f"no attribute '{name}'; it is {nvsdata._ELSEWHERE[name]} here"):
+            exec(line)
+    assert hasattr(nvsdata, nvsdata._ELSEWHERE[name])
+    assert not hasattr(nvsdata, "Anything")

@@ -89,7 +89,7 @@ def test_a_complete_folder_is_sound_and_an_incomplete_one_is_not(scenes, tmp_pat
     assert main(["verify", str(scenes), "--dataset", "yupenn-dvs", "--json"]) == 1
     fault, _, summary = map(json.loads, capsys.readouterr().out.splitlines())
     assert fault["name"] == "yupenn-dvs"
-    assert summary == {"faults": 2, "splits": splits, "opened": 419, "compared": 0}
+    assert summary == {"faults": 2, "splits": splits, "opened": 419, "compared": 0, "guessed": 0}
     # a store knows which dataset it is of
     pack(YUPENNDVS(scenes, "all"), tmp_path / "a.h5")
     assert dict(problems(tmp_path / "a.h5"))["ocean"] == "1 of 30 recordings are missing"
@@ -161,7 +161,8 @@ def test_names_of_any_bytes(tmp_path, capsys):
         assert main(["verify", str(root), *options]) == 1
         out = capsys.readouterr().out
         assert r"a\nb/1\udcff.bin: 3 bytes of a torn record, cut off" in out
-        assert out.count("\n") == 3 + len(options) // 2
+        # the fault, the empty recording, the note on guessed sensor sizes, splits, and the sum
+        assert out.count("\n") == 4 + len(options) // 2
 
 
 def test_wrong_levels_show_what_was_expected_and_what_is_there(tmp_path):
@@ -283,10 +284,23 @@ def test_a_store_of_a_dataset_that_is_not_known_here(tmp_path, monkeypatch):
     root = trees.put(tmp_path / "data", {"a/1.bin": trees.atis(trees.some(1)), "a/2.bin": b""})
     monkeypatch.setattr(EventFolder, "info", dataclasses.replace(EventFolder.info, name="of another program"))
     pack(EventFolder(root), tmp_path / "a.h5")
-    assert list(problems(tmp_path / "a.h5")) == []
+    left_out = ("a/2.bin", "left out when it was packed: no events")
+    assert list(problems(tmp_path / "a.h5")) == [left_out]
     raw = bytearray((tmp_path / "a.h5").read_bytes())
     raw[storefiles.block_places(tmp_path / "a.h5", 0)[0]] ^= 1
     (tmp_path / "a.h5").write_bytes(raw)
-    [(name, reason)] = problems(tmp_path / "a.h5")
-    assert name == "a/1.bin"
+    first, (name, reason) = problems(tmp_path / "a.h5")
+    assert (first, name) == (left_out, "a/1.bin")
     assert reason.startswith("its events fail their checksum")
+
+
+def test_guessed_sensor_sizes_are_reported_as_guesses(tmp_path, capsys):
+    nvsdata.write(nvsdata.example(), tmp_path / "stated.h5")
+    (tmp_path / "unstated.bin").write_bytes(trees.atis(trees.some(1, 3)))
+    assert main(["verify", str(tmp_path)]) == 0
+    first, last = capsys.readouterr().out.splitlines()
+    assert first.startswith("1 recordings state no sensor size: it is guessed")
+    assert first.endswith("; --dataset NAME states it")
+    assert last == "2 recordings opened: no faults"
+    assert main(["verify", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["guessed"] == 1

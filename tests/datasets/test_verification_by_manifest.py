@@ -43,7 +43,7 @@ def test_a_sound_folder_says_how_many_recordings_were_opened_and_compared(out, c
     assert main(["verify", str(out)]) == 0
     assert capsys.readouterr().out == "4 recordings opened, 4 compared with their manifest: no faults\n"
     assert main(["verify", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"faults": 0, "splits": {}, "opened": 4, "compared": 4}
+    assert json.loads(capsys.readouterr().out) == {"faults": 0, "splits": {}, "opened": 4, "compared": 4, "guessed": 0}
 
 
 def test_one_flipped_byte(out, capsys):

@@ -1,8 +1,6 @@
 """Emulation by hand: settings at their bounds, times between frames, brightness, the readout, what is started."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +10,11 @@ from test_pix2nvs import clip, looks_everywhere
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.batch import scheduler
+from nvsdata.batch import local
 from nvsdata.batch.folder import Video
 from nvsdata.batch.manifest import sha256
+from nvsdata.batch.scheduler import as_done
+from nvsdata.common.processes import connected_process
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.convert import default_out, plan
 from nvsdata.emulation.imperfections import Imperfections
@@ -231,20 +231,18 @@ def test_spikes_may_wait_while_19_frames_are_emulated():
 
 @pytest.mark.parametrize(
     ("videos", "processes", "started"),
-    [(0, 4, None), (1, 4, None), (3, 1, None), (2, 2, 2), (2, 4, 2), (4, 3, 3)],
+    [(0, 4, 0), (1, 4, 0), (3, 1, 0), (2, 2, 2), (2, 4, 2), (4, 3, 3)],
 )
 def test_as_many_processes_as_there_is_work_for(videos, processes, started, monkeypatch):
-    counts = []
+    begun = []
 
-    @contextmanager
-    def workers(count, module):
-        counts.append(count)
-        with ThreadPoolExecutor(count) as pool:
-            yield pool
+    def counted(*given):
+        begun.append(given)
+        return connected_process(*given)
 
-    monkeypatch.setattr(scheduler, "_workers", workers)
-    assert set(scheduler.as_done(str, range(videos), processes)) == {str(n) for n in range(videos)}
-    assert counts == ([] if started is None else [started])
+    monkeypatch.setattr(local, "connected_process", counted)
+    assert set(as_done(str, range(videos), processes)) == {str(n) for n in range(videos)}
+    assert len(begun) == started
 
 
 def test_recordings_go_beside_their_videos(tmp_path):

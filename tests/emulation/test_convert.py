@@ -16,7 +16,7 @@ from processes_of_others import dead_owner
 
 import nvsdata
 from nvsdata import EventFolder
-from nvsdata.batch import scheduler
+from nvsdata.batch import cluster
 from nvsdata.batch.folder import FORMATS, Video, videos_in
 from nvsdata.batch.manifest import as_before
 from nvsdata.cli import main
@@ -267,8 +267,8 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
 @pytest.mark.parametrize("lost", ["the workers", "the scheduler"])
 def test_a_cluster_without_workers_ends_the_run_which_resumes(videos, tmp_path, monkeypatch, capsys, lost):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(scheduler, "CHECK_S", 0.1)
-    monkeypatch.setattr(scheduler, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(cluster, "CHECK_S", 0.1)
+    monkeypatch.setattr(cluster, "PATIENCE_S", 0.5)
     # a client that ends looks for a lost scheduler for this long, 30 s unless set
     timeout = pytest.importorskip("dask").config.set({"distributed.comm.timeouts.connect": "1s"})
     there = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}

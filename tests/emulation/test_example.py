@@ -3,7 +3,7 @@
 import numpy as np
 
 import nvsdata
-from nvsdata.emulation.example import FINE, SIZE, _fill, _frames
+from nvsdata.emulation.example import FINE, SIZE, _fill, example_frames
 
 
 def test_shapes_move_over_the_sensor_and_are_the_same_each_time():
@@ -23,7 +23,7 @@ def test_shapes_move_over_the_sensor_and_are_the_same_each_time():
 
 
 def test_frames_are_drawn_between_pixels():
-    frames = list(_frames())
+    frames = list(example_frames())
     assert len(frames) == 126
     assert all(frame.shape == (180, 240) and frame.dtype == np.uint8 for frame in frames)
     # levels between that of the ground and that of the disc

@@ -141,6 +141,7 @@ COMMANDS = {
     "view a film": ["view", "{0}/a.h5", "{1}/b.mp4"],
     "gallery": ["gallery", "{0}/in", "{1}/b.html"],
     "pack": ["pack", "{0}/in", "--dataset", "folder", "--out", "{1}/b.h5"],
+    "precompute": ["precompute", "{0}/in", "--dataset", "folder", "--transform", "VoxelGrid(2)", "--out", "{1}/c.nvs"],
     "convert-videos": ["convert-videos", "{0}/videos", "--out", "{1}/out"],
     "record": ["record", "--simulate", "--seconds", "0.2", "--out", "{1}/b.h5"],
 }
@@ -171,7 +172,7 @@ def test_an_interrupted_batch_says_how_much_is_done_and_how_to_resume(tmp_path, 
     with small_disk(tmp_path / "disk") as resize:
         packing = ["pack", str(tmp_path / "in"), "--dataset", "folder", "--out", str(tmp_path / "disk/b.h5")]
         converting = ["convert-videos", str(tmp_path / "videos"), "--out", str(tmp_path / "disk/out")]
-        for command, word, pages in ((packing, "recordings are in", 12), (converting, "videos are done", 12)):
+        for command, word, pages in ((packing, "records are in", 12), (converting, "videos are done", 12)):
             (tmp_path / "disk/b.h5").unlink(missing_ok=True)
             resize(pages * PAGE)
             assert main(command) == 1

@@ -124,8 +124,11 @@ def test_convert_at_many_moments(recording, tmp_path, suffix):
         target.unlink()
 
 
-def packed(folder, out, jobs, moments, seed):
-    words = ("pack", folder, "--dataset", "folder", "--jobs", jobs, "--out")
+COMMANDS = {"pack": (), "precompute": ("--transform", "Compose([Window(0, 200000), RadiusGraph()])")}
+
+
+def packed(folder, out, jobs, moments, seed, command="pack"):
+    words = (command, folder, "--dataset", "folder", *COMMANDS[command], "--jobs", jobs, "--out")
     seconds = finish(*words, out / "unkilled.h5")
     expected = (out / "unkilled.h5").read_bytes()
     moment = random.Random(seed)
@@ -156,8 +159,9 @@ def folder(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_pack_at_many_moments(folder, tmp_path, jobs):
-    packed(folder, tmp_path / "out", jobs, MOMENTS, jobs)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_pack_at_many_moments(folder, tmp_path, jobs, command):
+    packed(folder, tmp_path / "out", jobs, MOMENTS, jobs, command)
 
 
 @pytest.mark.long

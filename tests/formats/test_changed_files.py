@@ -11,7 +11,7 @@ from storefiles import block_places, put_block
 import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.datasets import EventFolder
-from nvsdata.datasets.store import reader
+from nvsdata.datasets.store import file as store_file
 from nvsdata.datasets.store.writer import pack
 from nvsdata.formats import contents, ondisk
 from nvsdata.formats.evt.evt2 import Evt21Recording
@@ -228,8 +228,8 @@ def test_other_bytes_in_a_later_read_of_a_store_are_an_error(tmp_path, compress,
         raw = target.reshape(-1).view(np.uint8)
         raw[rng.integers(0, raw.size)] ^= 1 << rng.integers(0, 8)
 
-    read = reader.read_into
-    monkeypatch.setattr(reader, "read_into", flipped)
+    read = store_file.read_into
+    monkeypatch.setattr(store_file, "read_into", flipped)
     for window in ((1_999_000, 1_999_990), (0, 1_000_000), ()) * 20:
         with pytest.raises(FormatError, match="its events fail their checksum"):
             recording.read(*window)

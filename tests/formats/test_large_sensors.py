@@ -1,10 +1,13 @@
 """Sensors of 346x260 and 1280x720 in every format: read and written whole, or refused."""
 
 import struct
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 from lookalikes import aedat4_bytes, evt2_bytes, evt3_bytes, matlab_bytes, rows
+from rosbag_files import content, types_of, write_bag
 from wide import LARGE, corners
 
 import nvsdata
@@ -23,6 +26,19 @@ def davis_bytes(ev):
     return header(decoder, None, {}) + struct.pack(f"<{len(words)}H", *words)
 
 
+def bag_bytes(way):
+    """A function that makes the file of a bag."""
+
+    def made(ev):
+        pytest.importorskip("rosbags")
+        types = types_of(way)
+        message = types.events(ev.t, ev.x, ev.y, ev.p, ev.sensor_size)
+        with TemporaryDirectory() as folder:
+            return content(write_bag(Path(folder), types, [("/dvs/events", 0, message)])).read_bytes()
+
+    return made
+
+
 # sensors that files of a format can't hold; the largest that it does hold is in its description
 TOO_LARGE = {"atis": LARGE, "aedat1": LARGE, "aedat2": ((1280, 720),)}
 # formats that are only read, as others write them
@@ -35,6 +51,8 @@ MADE = {
     ],
     "evt3": [lambda ev: evt3_bytes(ev, b"%% evt 3.0\n%% geometry %dx%d\n%% end\n" % ev.sensor_size)],
     "matlab": [matlab_bytes],
+    "rosbag": [bag_bytes("bag")],
+    "rosbag2": [bag_bytes("mcap")],
 }
 large = pytest.mark.parametrize("size", LARGE, ids=lambda size: "{}x{}".format(*size))
 every_format = pytest.mark.parametrize("name", sorted(FORMATS))

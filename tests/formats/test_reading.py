@@ -91,3 +91,15 @@ def test_extensions_that_are_not_written_are_told_those_that_are(tmp_path):
     assert "text (.txt, .csv, .text)" in str(caught.value)
     assert "matlab" not in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.bin", "a.npy", "a.txt", "a.h5"])
+def test_a_sensor_size_is_guessed_if_nobody_states_it(tmp_path, name):
+    events = Events([0, 9], [3, 4], [2, 1], [1, 0], (34, 34))
+    nvsdata.write(events, tmp_path / name)
+    recording = nvsdata.open(tmp_path / name)
+    guessed = recording.size_is_guessed
+    # reading doesn't turn a guess into a fact
+    assert recording.read().sensor_size == ((5, 3) if guessed else (34, 34))
+    assert recording.size_is_guessed == guessed == (name in ("a.bin", "a.npy"))
+    assert not nvsdata.open(tmp_path / name, sensor_size=(34, 34)).size_is_guessed

@@ -38,8 +38,12 @@ def test_the_thesis_layers_of_n_mnist():
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(ValueError, match="no configuration 'imagenet'"):
+    assert models.rgcnn("NMNIST").sensor_size == models.rgcnn("n_mnist").sensor_size == (34, 34)
+    with pytest.raises(ValueError, match=r"no configuration 'imagenet'; .* build models.RGCNN\(num_classes, sensor"):
         models.rgcnn("imagenet")
+    # such as the number of classes in place of the name
+    with pytest.raises(ValueError, match="no configuration 10; "):
+        models.rgcnn(10)
 
 
 def test_a_sample_does_not_depend_on_its_batch():

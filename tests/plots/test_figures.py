@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from nvsdata import plots
 from nvsdata.plots import drawing
-from nvsdata.plots.axes import LINES, new_figure, rgb
+from nvsdata.plots.axes import CURVES, LINES, new_figure, rgb
 
 
 @pytest.fixture
@@ -82,7 +82,8 @@ def test_curves_are_values_by_their_number(figures):
     assert [list(line.get_ydata()) for line in axes.lines[:2]] == [[0.1, 0.2, 0.4], [0.5]]
     # a value alone would be no line
     assert [line.get_marker() for line in axes.lines[:3]] == ["None", "o", "None"]
-    assert [line.get_color() for line in axes.lines] == [*LINES, LINES[0]]
+    assert [line.get_color() for line in axes.lines] == [*CURVES, CURVES[0]]
+    assert not {*CURVES} & {*LINES[:3]}
     assert axes.get_xlim() == (1, 3)
     assert axes.get_ylim() == (0, 1.02)
     locator = axes.xaxis.get_major_locator()

@@ -1,10 +1,11 @@
 import base64
+import re
 
 import cv2
 import numpy as np
 
 from nvsdata import Events, plots
-from nvsdata.plots.gallery import ClassSummary, gallery, image_tags
+from nvsdata.plots.gallery import COLUMNS, ClassSummary, gallery, image_tags
 
 
 def events(count, on):
@@ -60,3 +61,14 @@ def test_classes_are_joined_if_there_are_several():
         last = last[last.index(start) + len(start) :]
     assert "<h2>Not read: 2</h2><ul><li>x&lt;y: torn</li><li>z: torn</li></ul>" in both
     assert "<title>&lt;pets&gt;</title>" in both
+
+
+def test_a_gallery_fits_a_phone_and_follows_dark_mode():
+    text = gallery("pets", [ClassSummary("cat", 5, [10], [1.0], [10])])
+    assert '<meta name="viewport" content="width=device-width' in text
+    assert "@media (prefers-color-scheme: dark)" in text
+    narrow = text[text.index("@media (max-width") : text.index("</style>")]
+    # each number has the name of its column
+    labels = re.findall(r'nth-child\((\d)\)::before { content: "(.*?)"; }', narrow)
+    assert labels == [(str(n), name) for n, name in enumerate(COLUMNS, 1)][1:-1]
+    assert narrow.count("{") == narrow.count("}")

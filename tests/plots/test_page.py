@@ -56,6 +56,23 @@ def test_a_page_needs_nothing_else():
     assert "__" not in re.sub(r"<script id=\"data\".*?</script>", "", text)
 
 
+def test_a_page_follows_dark_mode_and_lists_its_keys():
+    text = player_page(MOVING, "")
+    assert "@media (prefers-color-scheme: dark)" in text
+    assert 'matchMedia("(prefers-color-scheme: dark)")' in text
+    keys = re.search(r"const KEYS = {(.*?)};.*?const CLOUD_KEYS = {(.*?)};", text, re.DOTALL)
+    bound = {key.strip('"') for part in keys.groups() for key in re.findall(r'(".+?"|\w+): (?:event|\(\)|reset)', part)}
+    names = {"space": " ", "&larr;": "ArrowLeft", "&rarr;": "ArrowRight"}
+    listed = {names.get(key, key) for key in re.findall("<kbd>(.*?)</kbd>", text)}
+    # up and down are among "arrow keys"
+    assert bound - {"ArrowUp", "ArrowDown"} == listed
+
+
+def test_times_may_count_from_an_earlier_moment():
+    assert embedded(player_page(MOVING, ""))[0]["offset"] == 0
+    assert embedded(player_page(MOVING, "", origin=LATE - 7))[0]["offset"] == 7
+
+
 def test_more_events_than_a_browser_takes(monkeypatch):
     monkeypatch.setattr("nvsdata.plots.page.MOST_EVENTS", 3_999)
     with pytest.raises(ValueError, match=r"a page of 4,000 events .* select a part \(up to 3,999 events\)"):
@@ -151,8 +168,13 @@ function cloud() {
   c.getContext("2d").drawImage(s, 0, 0, 64, 48);
   return Array.from(c.getContext("2d").getImageData(0, 0, 64, 48).data);
 }
+const press = (key, target = document.body) => {
+  const event = new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true });
+  target.dispatchEvent(event);
+  return event.defaultPrevented;
+};
 window.onerror = message => report.push({ error: String(message) });
-(async () => {
+if (window.top === window) (async () => {
   await wait(200);
   viewer.setWindow(25000); send("scrubber", 0.25); await wait(200);
   report.push({ step: "scrub on", time: $("time").textContent, drawn: viewer.state.drawn, colors: colors("events") });
@@ -170,7 +192,10 @@ window.onerror = message => report.push({ error: String(message) });
   const moved = viewer.state.time; $("play").click(); await wait(200);
   report.push({ step: "play", moved, after: viewer.state.time - moved, label: $("play").textContent });
   const before = cloud();
-  $("space").dispatchEvent(new PointerEvent("pointermove", { buttons: 1, movementX: 150, movementY: 40 }));
+  const point = (kind, id, x, y) => $("space").dispatchEvent(
+    new PointerEvent(kind, { pointerId: id, buttons: 1, clientX: x, clientY: y, bubbles: true }));
+  point("pointerdown", 1, 100, 100); point("pointermove", 1, 250, 140); point("pointerup", 1, 250, 140);
+  point("pointermove", 1, 900, 900);
   await wait(200);
   const turned = cloud();
   $("space").dispatchEvent(new WheelEvent("wheel", { deltaY: -800, cancelable: true })); await wait(200);
@@ -179,6 +204,27 @@ window.onerror = message => report.push({ error: String(message) });
   const differ = (a, b) => a.filter((v, i) => Math.abs(v - b[i]) > 20).length;
   const [a, b, c] = [differ(before, turned), differ(turned, zoomed), differ(before, cloud())];
   report.push({ step: "cloud", turned: a, zoomed: b, back: c });
+  point("pointerdown", 1, 100, 100); point("pointerdown", 2, 200, 100); point("pointermove", 2, 300, 100);
+  const pinched = [viewer.state.zoom, ...viewer.state.turn];
+  point("pointerup", 1, 100, 100); point("pointerup", 2, 300, 100);
+  press("0", $("space")); press("ArrowRight", $("space")); press("+", $("space"));
+  report.push({ step: "touch", pinched, keys: [viewer.state.zoom, ...viewer.state.turn] });
+  const seen = { step: "keys", times: [], windows: [], speeds: [] };
+  viewer.setWindow(20000); press("End"); press("ArrowLeft"); seen.times.push(viewer.state.time);
+  press("Home"); press("ArrowRight", $("play")); seen.times.push(viewer.state.time);
+  for (const key of "]][") { press(key); seen.windows.push(viewer.state.window); }
+  for (const key of ".,,") { press(key); seen.speeds.push([viewer.state.speed, $("speed").value]); }
+  press(" "); seen.playing = [viewer.state.playing]; press(" "); seen.playing.push(viewer.state.playing);
+  seen.left = [press(" ", $("play")), press("ArrowRight", $("scrubber")), press("Home", $("speed")), press("x")];
+  report.push(seen);
+  const phone = document.createElement("iframe");
+  phone.style = "width: 390px; height: 664px; border: 0"; phone.src = "/"; document.body.append(phone);
+  await new Promise(done => { phone.onload = done; }); await wait(300);
+  const inside = phone.contentDocument;
+  report.push({ step: "phone", wide: inside.documentElement.scrollWidth,
+    controls: ["scrubber", "play", "speed", "window", "frames-choice"].map(id => {
+      const box = inside.getElementById(id).getBoundingClientRect(); return [id, box.height, box.bottom]; }) });
+  phone.remove();
   document.body.style.width = "420px"; await wait(300);
   report.push({ step: "resize", rate: $("rate").width, space: $("space").width, wide: document.body.scrollWidth });
   await fetch("/report", { method: "POST", body: JSON.stringify(report) });
@@ -278,6 +324,29 @@ def test_the_cloud_turns(browsed):
     assert browsed["cloud"]["back"] == 0
 
 
+def test_fingers_and_keys_turn_and_zoom_the_cloud(browsed):
+    # two fingers at twice their distance
+    assert browsed["touch"]["pinched"] == pytest.approx([2, 0.6, 0.35])
+    assert browsed["touch"]["keys"] == pytest.approx([1.25, 0.6 + 12 * 0.008, 0.35])
+
+
+def test_keys_control_the_player(browsed):
+    keys = browsed["keys"]
+    assert keys["times"] == [999_750 - 20_000, 20_000]
+    assert keys["windows"] == [40_000, 80_000, 40_000]
+    assert keys["speeds"] == [[0.3, "0.3"], [0.1, "0.1"], [0.03, "0.03"]]
+    assert keys["playing"] == [True, False]
+    # elements with the focus keep their own keys
+    assert keys["left"] == [False] * 4
+
+
+def test_controls_are_large_and_at_the_top_of_a_phone(browsed):
+    assert browsed["phone"]["wide"] <= 390
+    for name, height, bottom in browsed["phone"]["controls"]:
+        assert height >= 40, name
+        assert bottom <= 664, name
+
+
 def test_a_narrow_page_fits(browsed):
     assert browsed["resize"]["rate"] <= 420
     assert browsed["resize"]["space"] <= 420
@@ -295,8 +364,8 @@ def test_a_screenshot_shows_the_events_in_their_places(tmp_path):
     # the player is on the left: a red stroke, then a blue one, a third down
     left = shot[:, :600]
     red, blue = (abs(left - np.array(color[::-1])).max(2) < 30 for color in ((220, 60, 60), (40, 120, 220)))
-    # above the rate of events
-    red, blue = red[:600], blue[:600]
+    # above the controls
+    red, blue = red[:560], blue[:560]
     assert red.sum() > 500
     assert blue.sum() > 500
     assert np.argwhere(red)[:, 1].max() < np.argwhere(blue)[:, 1].min() + 30

@@ -6,13 +6,15 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import torch
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import nvsdata
 from nvsdata import Events
 from nvsdata import transforms as T
 from nvsdata.plots import show
+from nvsdata.plots.axes import LINES
 
 mpl.use("Agg")
 N = np.arange(200)
@@ -27,7 +29,13 @@ def axes():
 def test_a_frame_is_the_picture_of_the_events(axes):
     assert nvsdata.plot(EVENTS, ax=axes) is axes
     shown = axes.images[0].get_array()
-    assert np.array_equal(shown, nvsdata.plots.event_image(EVENTS)[..., ::-1])
+    # 30 ms at the midpoint, or all events of a shorter time
+    middle = EVENTS.window(10**15 + 184_000, 10**15 + 214_000)
+    assert np.array_equal(shown, nvsdata.plots.event_image(middle)[..., ::-1])
+    short = nvsdata.plot(EVENTS[:14], ax=Figure().add_subplot())
+    assert np.array_equal(short.images[0].get_array(), nvsdata.plots.event_image(EVENTS[:14])[..., ::-1])
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["ON", "OFF", "both"]
+    assert [to_rgb(patch.get_facecolor()) for patch in axes.get_legend().get_patches()] == LINES[:3][1::-1] + LINES[2:3]
     # the origin is top left
     assert axes.get_ylim()[0] > axes.get_ylim()[1]
 
@@ -66,13 +74,18 @@ def test_a_cloud_has_all_events_or_some_of_very_many():
     assert len(space.collections[0]._offsets3d[0]) == 50_000
 
 
+def nodes_of(axes):
+    (found,) = (thing for thing in axes.collections if isinstance(thing, PathCollection))
+    return found
+
+
 def test_a_graph_has_its_nodes_and_edges(axes):
     graph = T.RadiusGraph(beta=0.0)(EVENTS)
     assert graph.num_edges
     nvsdata.plot(graph, ax=axes)
     lines = [thing for thing in axes.collections if isinstance(thing, LineCollection)]
     assert len(lines[0].get_segments()) == graph.num_edges
-    assert len(axes.collections[-1].get_offsets()) == graph.num_nodes
+    assert len(nodes_of(axes).get_offsets()) == graph.num_nodes
 
 
 @pytest.mark.parametrize("shape", [(6, 8), (1, 6, 8), (5, 6, 8), (2, 3, 6, 8)])
@@ -113,8 +126,8 @@ def title(axes):
 
 def test_pixels_fill_the_axes(axes):
     nvsdata.plot(EVENTS, ax=axes)
-    assert title(axes) == "200 events, 398.0 ms"
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
+    assert title(axes) == "15 events, 184 to 214 ms"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (px)", "y (px)")
     assert (axes.get_xlim(), axes.get_ylim()) == ((-0.5, 7.5), (5.5, -0.5))
     assert axes.get_aspect() == 1
     assert not any(line.get_visible() for line in axes.xaxis.get_gridlines())
@@ -126,7 +139,7 @@ def test_colors_of_polarity_are_as_strong_both_ways(axes):
     # each pixel has five events
     assert image.get_clim() == (-5, 5)
     assert image.get_cmap().name == "RdBu_r"
-    assert image.colorbar.ax.get_ylabel() == "ON minus OFF events"
+    assert image.colorbar.ax.get_ylabel() == "ON minus OFF events per pixel"
     assert title(axes) == "200 events, 398.0 ms"
     none = Figure().add_subplot()
     nvsdata.plot(Events.empty((8, 6)), "polarity", none)
@@ -144,7 +157,7 @@ def test_the_rate_is_of_200_parts_of_the_whole(axes):
     assert np.allclose(off.values, [0] * 100 + [500] * 99 + [600])
     colors = [stairs.get_edgecolor()[:3] for stairs in axes.patches]
     assert colors == [show.ON, show.OFF]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("ms", "events/s")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time (ms)", "events/s")
     assert axes.get_ylim()[0] == 0
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["ON", "OFF"]
 
@@ -160,7 +173,7 @@ def test_a_histogram_tells_pixels_of_few_events_from_those_of_many(axes):
     last = axes.patches[-1]
     assert last.get_x() + last.get_width() == 101
     assert title(axes) == "117 events, 0.1 ms; 45% of the pixels have no events"
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("events of a pixel", "pixels")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("events per pixel", "number of pixels")
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
 
 
@@ -173,7 +186,7 @@ def test_a_cloud_has_the_axes_of_its_events():
     colors = space.collections[0].get_facecolor()[:, :3]
     assert {tuple(color) for color in colors} == {show.ON, show.OFF}
     assert sum(tuple(color) == show.ON for color in colors) == 150
-    assert (space.get_xlabel(), space.get_ylabel(), space.get_zlabel()) == ("ms", "x", "y")
+    assert (space.get_xlabel(), space.get_ylabel(), space.get_zlabel()) == ("time (ms)", "x (px)", "y (px)")
     assert (space.get_ylim(), space.get_zlim()) == ((-0.5, 7.5), (5.5, -0.5))
     # pixels are square
     long, wide, tall = space._box_aspect
@@ -196,10 +209,12 @@ def test_nodes_of_a_graph_have_their_places_and_polarities(axes):
     (edges,) = (thing for thing in axes.collections if isinstance(thing, LineCollection))
     ends = {tuple(map(tuple, segment.astype(int).tolist())) for segment in edges.get_segments()}
     assert ends == {((1, 0), (2, 1)), ((2, 1), (1, 0))}
-    nodes = axes.collections[-1]
+    nodes = nodes_of(axes)
     assert nodes.get_offsets().tolist() == [[1, 0], [2, 1], [7, 5]]
     assert [tuple(color[:3]) for color in nodes.get_facecolor()] == [show.ON, show.OFF, show.ON]
-    assert nodes.get_zorder() > edges.get_zorder() or nodes.get_zorder() == 2
+    # short edges would be hidden by the nodes
+    assert edges.get_zorder() > nodes.get_zorder()
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["ON", "OFF"]
     assert title(axes) == "3 nodes, 2 edges"
     assert (axes.get_xlim(), axes.get_ylim()) == ((-0.5, 7.5), (5.5, -0.5))
     # without a sensor, up to the last node
@@ -249,15 +264,44 @@ def test_colors_of_a_tensor_are_of_its_range(axes):
     assert nvsdata.plot(torch.zeros(0, 3, 3), ax=axes) is axes
 
 
-def test_a_notebook_shows_the_middle_tenth_of_a_second(monkeypatch):
+def test_a_hot_pixel_does_not_set_the_colors(axes):
+    values = torch.cat((torch.zeros(1_000), torch.ones(999), torch.tensor([500.0]))).view(40, 50)
+    nvsdata.plot(values, ax=axes, label="events per pixel")
+    (image,) = axes.images
+    assert image.get_clim() == (0, 1)
+    assert image.colorbar.extend == "max"
+    assert image.colorbar.ax.get_ylabel() == "events per pixel"
+
+
+def test_images_of_a_tensor_have_titles(axes):
+    tensor = torch.arange(240.0).view(2, 10, 12)
+    nvsdata.plot(tensor, ax=axes, titles=["ON", "OFF"])
+    assert [(text.get_text(), text.get_position()) for text in axes.texts] == [("ON", (0, -0.5)), ("OFF", (13, -0.5))]
+    below = nvsdata.plot(tensor.view(2, 3, 40), ax=Figure().add_subplot(), titles=["a", "b"])
+    # in the gap above its image
+    assert below.texts[1].get_position() == (0, 3.5)
+    with pytest.raises(ValueError, match="one title for each of 2 images, not 1"):
+        nvsdata.plot(tensor, titles=["ON"])
+    with pytest.raises(ValueError, match="one title for each of 0 images, not 1"):
+        nvsdata.plot(EVENTS, titles=["ON"])
+
+
+def test_what_is_missing_has_no_color(axes):
+    nvsdata.plot(torch.tensor([[1.0, float("nan")], [3.0, 4.0]]), ax=axes)
+    assert axes.images[0].get_clim() == (1, 4)
+    assert np.ma.getmaskarray(axes.images[0].get_array()).tolist() == [[False, True], [False, False]]
+    nvsdata.plot(torch.full((2, 2), float("nan")), ax=Figure().add_subplot()).figure.canvas.draw()
+
+
+def test_a_notebook_shows_30_ms_at_the_midpoint(monkeypatch):
     made = []
     monkeypatch.setattr(show, "rendered", lambda figure: made.append(figure) or np.zeros((1, 1, 3), np.uint8))
     EVENTS._repr_png_()
     frame, rate = made[0].axes
-    assert title(frame) == "100 ms at the midpoint"
+    assert title(frame) == "15 events, 184 to 214 ms"
     assert np.array_equal(
         frame.images[0].get_array(),
-        nvsdata.plots.event_image(EVENTS.window(10**15 + 149_000, 10**15 + 249_000))[..., ::-1],
+        nvsdata.plots.event_image(EVENTS.window(10**15 + 184_000, 10**15 + 214_000))[..., ::-1],
     )
     assert title(rate) == "200 events, 398.0 ms"
     assert tuple(made[0].get_size_inches() * made[0].dpi) == (900, 330)

@@ -1,13 +1,17 @@
-"""Two processes train as one does."""
+"""Several processes train and evaluate as one does."""
 
 import json
-import os
-import subprocess
-import sys
+import shutil
 
+import numpy as np
 import pytest
 import torch
+import trees
 from places import RECIPES
+from processes_of_others import by_torchrun
+
+from nvsdata import models
+from nvsdata.training.actions import Actions
 
 # the fixtures of conftest.py, for other processes
 PLOTLESS = """
@@ -33,14 +37,6 @@ trained(out, every=2, at=at, batch=8, size=52, resume=(out / "checkpoint.pt").ex
 """
 
 
-def by_two(script, *words):
-    """Run a script by two processes."""
-    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    command = [*launch, *map(str, (script, *words))]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=environment)
-
-
 def test_two_processes_continue_within_an_epoch_bit_identically(tmp_path):
     script = tmp_path / "interrupted.py"
     script.write_text(INTERRUPTED.format(tests=str(RECIPES.parent / "tests/training")))
@@ -48,7 +44,7 @@ def test_two_processes_continue_within_an_epoch_bit_identically(tmp_path):
     runs = {"whole": (-1,), "stopped": (11, -1)}
     for out, stops in runs.items():
         for stop in stops:
-            result = by_two(script, tmp_path / out, stop)
+            result = by_torchrun(2, script, tmp_path / out, stop)
             assert (result.returncode == 0) == (stop < 0), result.stderr[-3000:]
     whole, stopped = (torch.load(tmp_path / out / "checkpoint.pt", weights_only=True) for out in runs)
     assert whole["model"].keys() == stopped["model"].keys()
@@ -56,6 +52,45 @@ def test_two_processes_continue_within_an_epoch_bit_identically(tmp_path):
     losses = [[json.loads(line)["loss"] for line in (tmp_path / out / "log.jsonl").open()] for out in runs]
     assert losses[0] == losses[1]
     assert len(losses[0]) == 2
+
+
+@pytest.mark.usefixtures("plotless")
+def test_a_report_by_two_processes_is_bit_identical_to_that_by_one(run, many, tmp_path):
+    victim = many / "Test/3/00002.bin"
+    victim.write_bytes(victim.read_bytes()[:-3])
+    # five windows of 20 recordings, in seven batches for two processes
+    flags = ["--dataset", "n-mnist", "--root", many, "--epochs", 2, "--batch", 15, "--validate", 0.2, "--depth", 3]
+    flags = [*map(str, flags), "--errors", "skip", "--device", "cpu", "--out"]
+    (tmp_path / "recipe.py").write_text(PLOTLESS.format(recipes=str(RECIPES)))
+    result = by_torchrun(2, tmp_path / "recipe.py", *flags, tmp_path / "2")
+    assert result.returncode == 0, result.stderr[-3000:]
+    shutil.copytree(tmp_path / "2", tmp_path / "1")
+    for name in ("report.json", "predictions.csv", "scores.npz", "model.safetensors"):
+        (tmp_path / "1" / name).unlink()
+    run("train_objects.py", *flags, tmp_path / "1", "--resume")
+    one, two = (json.loads((tmp_path / count / "report.json").read_text()) for count in ("1", "2"))
+    assert {**one, "run": None} == {**two, "run": None}
+    assert (tmp_path / "1/predictions.csv").read_bytes() == (tmp_path / "2/predictions.csv").read_bytes()
+    with np.load(tmp_path / "1/scores.npz") as one, np.load(tmp_path / "2/scores.npz") as two:
+        assert one["scores"].tobytes() == two["scores"].tobytes()
+    one, two = (models.load(tmp_path / count / "model.safetensors").metrics for count in ("1", "2"))
+    assert one == two
+
+
+def test_features_by_three_processes_are_bit_identical_to_those_by_one(run, tmp_path):
+    root = trees.put(tmp_path / "aslan", trees.aslandvs(view2=True))
+    model = models.RGCNN3D(2, temporal="plain", sensor_size=(240, 180), channels=(8,), clusters=((60, 60),))
+    path = models.save(model, tmp_path / "model.safetensors", transform=Actions().pipeline(training=False))
+    flags = ["--root", root, "--model", path, "--device", "cpu", "--out"]
+    result = by_torchrun(3, RECIPES / "similarity_aslan.py", *flags, tmp_path / "3")
+    assert result.returncode == 0, result.stderr[-3000:]
+    run("similarity_aslan.py", *flags, tmp_path / "1")
+    files = {path.relative_to(tmp_path / "3"): path for path in (tmp_path / "3").rglob("*.npz")}
+    assert len(files) == 12
+    for name, file in files.items():
+        with np.load(file) as three, np.load(tmp_path / "1" / name) as one:
+            assert all(one[key].tobytes() == three[key].tobytes() for key in one.files)
+    assert (tmp_path / "1/log.jsonl").read_bytes() == (tmp_path / "3/log.jsonl").read_bytes()
 
 
 @pytest.mark.usefixtures("plotless")
@@ -67,7 +102,7 @@ def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path)
     flags = [*map(str, flags), "--device", "cpu", "--out"]
     run("train_objects.py", *flags, tmp_path / "1")
     (tmp_path / "recipe.py").write_text(PLOTLESS.format(recipes=str(RECIPES)))
-    result = by_two(tmp_path / "recipe.py", *flags, tmp_path / "2")
+    result = by_torchrun(2, tmp_path / "recipe.py", *flags, tmp_path / "2")
     assert result.returncode == 0, result.stderr[-3000:]
     logs = {
         count: [json.loads(line) for line in (tmp_path / str(count) / "log.jsonl").read_text().splitlines()]

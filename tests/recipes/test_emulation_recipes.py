@@ -60,6 +60,11 @@ def test_the_search_beats_the_rows_of_table_3_3(run, ground, tmp_path):
     assert float(out.rstrip().split(" times that")[0].split()[-1]) < 1
     for name in ("table.txt", "score.png", "best.png", "trials.jsonl"):
         assert (tmp_path / name).stat().st_size > 0
+    rows = json.loads((tmp_path / "rows.json").read_bytes())
+    assert list(rows) == [f"row {n}" for n in range(1, 6)]
+    scores = sorted((cells["Score"] for cells in rows.values()), reverse=True)
+    # from the worst to the best, before the columns of event counts
+    assert [f"{score:.3f}" for score in scores] == [line.split()[-3] for line in table[:-1]]
 
 
 @pytest.fixture(scope="module")

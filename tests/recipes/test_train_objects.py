@@ -156,9 +156,12 @@ def test_a_run_is_repeated_from_its_report(run, fake_nmnist, tmp_path):
 
 def test_shared_recordings_and_empty_validation_are_said(run, fake_nmnist, tmp_path):
     shutil.copy(fake_nmnist / "Train/3/00002.bin", fake_nmnist / "Test/4/00777.bin")
+    for recording in (fake_nmnist / "Test/7").iterdir():
+        recording.unlink()
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 1, "--votes", 1, "--k", 8, "--no-report")
     said = run("train_objects.py", *common, "--device", "cpu", "--out", tmp_path / "out")
     assert "1 test recordings are also training recordings, such as Test/4/00777.bin (Train/3/00002.bin)" in said
+    assert "warning: 1 classes have no recording for testing: 7\n" in said
     with pytest.raises(SystemExit, match=r"a validation fraction of 0\.01 leaves no recordings of 0, 1"):
         run("train_objects.py", *common, "--out", tmp_path / "other", "--validate", 0.01)
 
@@ -271,3 +274,37 @@ def test_ablations(run, fake_nmnist, tmp_path, monkeypatch, flags):
     else:
         assert "CenterCrop(size=32)" in text
     assert trained.predict(next(fake_nmnist.rglob("*.bin"))) in trained.classes
+
+
+@pytest.mark.usefixtures("plotless")
+def test_another_dataset_is_tested_on(run, fake_nmnist, tmp_path):
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 1, "--votes", 1, "--k", 8, "--device", "cpu")
+    other = shutil.copytree(fake_nmnist / "Train", tmp_path / "digits")
+    # of a sensor twice as large, which is scaled to that of the training
+    for path in list(other.rglob("*.bin")):
+        events = nvsdata.read(path, sensor_size=(34, 34))
+        wide = nvsdata.transforms.resize_events(events, 68, 68)
+        nvsdata.write(wide, path.with_suffix(".h5"))
+        path.unlink()
+    run("train_objects.py", *common, "--test-dataset", "folder", "--test-root", other, "--out", tmp_path / "out")
+    found = report(tmp_path / "out")
+    # a folder has no test split of its own: all recordings are tested on
+    assert (found["recordings"], found["data"]["test_dataset"]) == (40, "folder")
+    # the weights are those of a training that is tested on its own dataset
+    run("train_objects.py", *common, "--out", tmp_path / "own")
+    one, two = (torch.load(tmp_path / name / "checkpoint.pt", weights_only=True) for name in ("out", "own"))
+    assert all(torch.equal(weights, two["model"][name]) for name, weights in one["model"].items())
+
+
+def test_other_datasets_need_the_same_classes_and_a_root(run, fake_nmnist, tmp_path, capsys):
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path / "out", "--test-dataset", "folder")
+    shutil.copytree(fake_nmnist / "Train", tmp_path / "digits")
+    (tmp_path / "digits/9").rename(tmp_path / "digits/nine")
+    expected = "folder can't test networks for the classes of n-mnist: only n-mnist has 9; only folder has nine"
+    with pytest.raises(SystemExit, match=expected):
+        run("train_objects.py", *common, "--test-root", tmp_path / "digits")
+    with pytest.raises(SystemExit):
+        run("train_objects.py", *common)
+    assert "--test-dataset and --test-root go together" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="not a folder"):
+        run("train_objects.py", *common, "--test-root", tmp_path / "no")

@@ -9,6 +9,7 @@ import pytest
 
 import nvsdata
 from nvsdata import Events
+from nvsdata.recording import pipeline
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.options import Simulation
@@ -45,6 +46,9 @@ def lab_of_one(tmp_path_factory):
             patch.setattr(playback, name, getattr(playback, name))
         patch.setattr(take, "MOST_WRONG", take.MOST_WRONG)
         lab.hurry()
+        # the simulated camera may wait for a busy machine
+        patch.setattr(Davis, "silence", 60.0)
+        patch.setattr(pipeline, "SILENT_END", 60.0)
         backend, show = Simulation().watched()
         folder = tmp_path_factory.mktemp("takes")
         with Monitor(window=(320, 240), on_change=show) as monitor:

@@ -38,7 +38,8 @@ def asked(monkeypatch):
     """What the loader is given: the samples of each length, how often, and the seed."""
     seen = {}
 
-    def loader(samples, batch, team, *, seed, last):
+    def loader(samples, batch, team, *, seed, last, whole_batches):
+        assert whole_batches
         parts = samples.datasets
         seen.update(
             {part.transform.transforms[0].duration: part.chosen for part in parts}, batch=batch, seed=seed, last=last

@@ -21,7 +21,7 @@ MOVED = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()]
 DIGITS = [T.RandomAffine((0.85, 1.1), degrees=15, shift=2, shear=0.1, stretch=0.1), T.DropEvents(0.4)]
 OTHERS = [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 CROPS = [T.RandomTranslate(6), T.RandomFlip(0), T.DropEvents(0.6), T.DropByTime(0.25), T.DropByArea(0.2)]
-# settings, and what training adds to what a test does: the thesis's of 4.4.2 and 5.3.1, or ours of docs/models.md
+# settings, and what training adds to what a test does: the thesis's of 4.4.2 and 5.3.1, or ours of departures.md
 PROTOCOLS = [
     (Objects("n-mnist"), DIGITS),
     (Objects("mnist-dvs", features=()), DIGITS),

@@ -193,12 +193,33 @@ def test_small_datasets_are_passed_more_often(tmp_path, capsys, recordings, give
 
 @pytest.mark.parametrize(
     ("sensor", "holds"),
-    [((128, 128), (128, 128)), ((12, 128), (128, 128)), ((129, 12), (240, 180)), ((12, 129), (240, 180))],
+    [
+        *(((64, 48), (64, 64)), ((48, 64), (64, 64)), ((65, 12), (128, 128)), ((12, 65), (128, 128))),
+        *(((128, 128), (128, 128)), ((12, 128), (128, 128)), ((129, 12), (240, 180)), ((12, 129), (240, 180))),
+    ],
 )
 def test_the_network_for_actions_holds_the_sensor(sensor, holds):
     for temporal in models.TEMPORAL:
         settings = built(Actions(temporal=temporal), *sensor, classes=5).settings
         assert (settings["sensor_size"], settings["temporal"], settings["num_classes"]) == (holds, temporal, 5)
+
+
+@pytest.mark.parametrize("temporal", models.TEMPORAL)
+def test_narrow_networks_for_actions_have_a_fraction_of_the_channels(temporal):
+    full, half = (built(Actions(temporal=temporal, width=width), 64, 48) for width in (1.0, 0.5))
+    for wide, narrow in zip(full.parameters(), half.parameters(), strict=True):
+        if wide.ndim == 1 and wide.shape[0] != 3:
+            assert narrow.shape[0] * 2 == wide.shape[0]
+    with pytest.raises(ValueError, match="width must be positive, not 0"):
+        built(Actions(width=0.0), 64, 48)
+
+
+def test_smaller_frames_are_cut_out_in_proportion():
+    for image_size, side, square in ((None, 178, 160), (32, 36, 32)):
+        pipeline = repr(Actions("p3d", image_size=image_size).pipeline(training=True))
+        assert f"Resize(size={side}), RandomCrop(size={square}," in pipeline
+    with pytest.raises(ValueError, match="image_size must be a whole number of at least 1, not 0"):
+        Actions("p3d", image_size=0)
 
 
 @pytest.mark.parametrize("name", ["c3d", "pointnet++", "lstm"])
@@ -219,6 +240,13 @@ def test_batches_of_longer_sequences_are_smaller(tmp_path):
     assert (trainer.batch, trainer.epochs, trainer.seed) == (5, 3, 9)
     with pytest.raises(ValueError, match=r"network must be one of \('rgcnn3d', 'c3d', .*, not 'c4d'"):
         Actions("c4d")
+
+
+def test_networks_of_frames_can_be_trained_by_adam():
+    for adam, kind, rate in ((False, torch.optim.SGD, 0.01), (True, torch.optim.Adam, 1e-3)):
+        optimizer, schedule = Actions("p3d", adam=adam).optimization(nn.Linear(2, 2), 150)
+        assert type(optimizer) is kind
+        assert schedule.get_last_lr() == [rate]
 
 
 @pytest.mark.parametrize("kind", ["rgcnn", "gcnn"])

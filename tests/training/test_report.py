@@ -183,6 +183,7 @@ def written(out, monkeypatch, capsys, votes, by_length, by_events, transform=Non
     monkeypatch.setattr(report, "accuracy_by_length", lambda *_: by_length)
     monkeypatch.setattr(report, "accuracy_by_events", lambda *_: by_events)
     monkeypatch.setattr(report, "window_ms", lambda *_: 1.2344)
+    monkeypatch.setattr(report, "cost", lambda *_: {"weights": 7, "operations": 9})
     trainer = SimpleNamespace(
         model=None, out=out, team=Team(torch.device("cpu")), best=(2, {}), done=5, data={"seed": 3}
     )
@@ -208,7 +209,8 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     assert written_report["data"] == {"seed": 3}
     assert written_report["run"]["window_ms"] == 1.234
     assert (written_report["run"]["epoch"], written_report["run"]["epoch_chosen_by"]) == (2, "validation accuracy")
-    assert written_report["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by", "window_ms"}
+    costs = {"window_ms", "weights", "operations"}
+    assert written_report["run"].keys() == {"command", "commit", "machine", "epoch", "epoch_chosen_by", *costs}
     assert output == f"report: {tmp_path / 'report.json'}, and 7 plots\n"
     assert window == T.RandomWindow(7_000)
     ((counts, names, title),) = drawn["confusion"]

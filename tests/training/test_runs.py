@@ -106,6 +106,15 @@ def test_test_recordings_that_are_training_recordings_are_found(fake_nmnist, tmp
     assert TrainTestSplit("n-mnist", fake_nmnist).overlap() == {}
 
 
+def test_a_copy_of_the_training_data_is_no_other_dataset(fake_nmnist, tmp_path):
+    shutil.copytree(fake_nmnist / "Train", tmp_path / "copy/Test")
+    data = TrainTestSplit("n-mnist", fake_nmnist, test_from=("n-mnist", tmp_path / "copy"))
+    trained = data.train(None).recording_names()
+    assert data.overlap() == {name.replace("Train", "Test"): name for name in trained}
+    both = TrainTestSplit("n-mnist", fake_nmnist, test_from=("n-mnist", fake_nmnist))
+    assert both.overlap() == {}
+
+
 def test_recordings_for_validation_come_from_training_only(fake_nmnist):
     for path in list((fake_nmnist / "Train").glob("*/00001.bin")):
         for number in range(10, 40):

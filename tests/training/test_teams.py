@@ -1,13 +1,15 @@
 """Who of the processes that train together does what, without starting any."""
 
 import os
+from itertools import zip_longest
 
 import pytest
 import torch
 from torch import distributed
 
-from nvsdata.training import Team, team
+from nvsdata.training import Team, loader, team
 from nvsdata.training.evaluation import predict
+from nvsdata.training.processes import ProcessFailed
 
 CPU = torch.device("cpu")
 
@@ -96,15 +98,51 @@ def test_the_first_process_writes_and_prints(called, tmp_path, capsys):
 def test_what_all_processes_predict_is_in_the_order_of_the_samples(monkeypatch):
     """Of each batch the processes have shares, in order of rank; the last one is for the first alone."""
     shares = {0: [[0, 1], [4, 5], [8]], 1: [[2, 3], [6, 7]]}
-    everyone = [[(torch.tensor(part) * 10.0, torch.tensor(part)) for part in shares[rank]] for rank in (0, 1)]
+    first = [(torch.tensor(part) * 10.0, torch.tensor(part)) for part in shares[0]] + [None]
 
     def gather(places, mine):
         assert len(places) == 2
-        assert [targets.tolist() for _, targets in mine] == shares[1]
-        places[:] = everyone
+        places[:] = (first.pop(0), None), mine
 
     monkeypatch.setattr(distributed, "all_gather_object", gather)
     batches = [(torch.tensor(part), torch.tensor(part)) for part in shares[1]]
     values, targets = predict(lambda given: given * 10.0, batches, Team(CPU, 1, 2))
     assert targets.tolist() == list(range(9))
     assert values.tolist() == [10 * n for n in range(9)]
+    assert not first
+
+
+def test_all_processes_fail_if_one_does(monkeypatch):
+    second, sent = Team(CPU, 1, 2), []
+
+    def gather(places, mine):
+        sent.append(mine)
+        places[:] = (None, "a.bin: torn"), mine
+
+    monkeypatch.setattr(distributed, "all_gather_object", gather)
+    with pytest.raises(ProcessFailed, match=r"^process 0: a\.bin: torn$"):
+        second.attempt(lambda: 5)
+    # its own error is raised, after the others have been informed
+    with pytest.raises(KeyError):
+        second.attempt(lambda: {}["b"])
+    assert sent == [(5, None), (None, "'b'")]
+    assert second.gather("c") == [(None, "a.bin: torn"), "c"]
+    assert Team(CPU).attempt(lambda: 5) == Team(CPU).gather(5) == [5]
+
+
+def test_parts_of_batches_are_refused():
+    with pytest.raises(ValueError, match="the processes divide each batch: pass whole_batches=True"):
+        predict(torch.nn.Identity(), loader(range(5), 4, Team(CPU, 1, 2)), Team(CPU, 1, 2))
+
+
+@pytest.mark.parametrize("count", range(1, 6))
+@pytest.mark.parametrize("size", [1, 2, 5, 12, 13])
+def test_processes_divide_whole_batches_of_a_single_one(size, count):
+    def of(rank, count):
+        batches = loader(range(size), 3, Team(CPU, rank, count), last=2, seed=4, shuffle=True, whole_batches=True)
+        assert len(batches) == len(list(batches.batch_sampler))
+        return list(batches.batch_sampler)
+
+    parts = [of(rank, count) for rank in range(count)]
+    assert [batch for turn in zip_longest(*parts) for batch in turn if batch is not None] == of(0, 1)
+    assert max(map(len, parts)) - min(map(len, parts)) <= 1

@@ -8,6 +8,7 @@ from nvsdata import NMNIST, FormatError
 from nvsdata import transforms as T
 from nvsdata.training import Trainer, run, runs, team
 from nvsdata.training import runs as ending
+from nvsdata.training.processes import ProcessFailed
 
 
 def test_a_damaged_recording_is_named_however_deep_in_a_pipeline_it_is_met(fake_nmnist, capsys, monkeypatch):
@@ -31,6 +32,7 @@ def test_a_damaged_recording_is_named_however_deep_in_a_pipeline_it_is_met(fake_
         (ValueError("x: y: z"), "recipe.py: x: y: z"),
         (OSError("no folder"), "recipe.py: no folder"),
         (ImportError("pip install it"), "recipe.py: pip install it"),
+        (ProcessFailed("process 1: a.bin: torn"), "recipe.py: process 1: a.bin: torn"),
         # what a loader's worker sends
         (
             ValueError("Caught FormatError in worker 0.\nTraceback:\n  a: b\nnvsdata.FormatError: a.bin: torn\n"),

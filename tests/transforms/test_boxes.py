@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from test_deterministic import EVENTS, EXAMPLES
 
 import nvsdata
-from nvsdata import Events
+from nvsdata import CameraModel, Events
 from nvsdata import transforms as T
 from nvsdata.data.boxes import Boxes
 
@@ -30,6 +30,7 @@ MOVING = [
     (T.CenterCrop(30), True),
     (T.RandomCrop(30), True),
     (T.RandomCrop(20, (1.5,)), True),
+    (T.Undistort(CameraModel((WIDTH, HEIGHT), (50.0, 50.0, 30.0, 20.0), (-0.2, 0.05, 0.0, 0.0))), False),
     (T.Resize(20), True),
     (T.Resize(77), True),
     (T.Downsample(3), True),
@@ -40,6 +41,7 @@ MOVING = [
 STAYING = [
     T.BackgroundActivity(),
     T.Compose([]),
+    T.Corners(),
     T.DropByArea(),
     T.DropByTime(),
     T.DropEvents(),

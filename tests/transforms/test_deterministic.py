@@ -1,13 +1,14 @@
 """A cache keeps what is marked deterministic: each transform is called with different seeds, and must do as it says."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from graphs import same, scattered
 
-from nvsdata import Events
+from nvsdata import CameraModel, Events
 from nvsdata import transforms as T
 from nvsdata.data.graph import Graph
 from nvsdata.transforms.compose import is_deterministic
@@ -17,6 +18,7 @@ EVENTS = Events(np.arange(N) * 500, np.arange(N) * 7 % 60, np.arange(N) * 11 % 4
 WINDOWS = [EVENTS.window(0, 9_000), EVENTS.window(50_000, 70_000)]
 GRAPHS = [scattered(20), scattered(30)]
 FRAMES = torch.rand(30, 30, 40, generator=torch.Generator().manual_seed(0))
+CAMERA = CameraModel((60, 40), (50.0, 50.0, 30.0, 20.0), (-0.3, 0.1, 0.0, 0.0))
 EXAMPLES = [
     (T.Age(), (EVENTS, T.RadiusGraph()(EVENTS))),
     (T.BackgroundActivity(), EVENTS),
@@ -25,6 +27,7 @@ EXAMPLES = [
     (T.CenterCrop(9), FRAMES),
     (T.Compose([T.Window(0, 9_000), T.RadiusGraph()]), EVENTS),
     (T.Compose([T.Window(0, 9_000), T.NonUniformSample()]), EVENTS),
+    (T.Corners(), EVENTS),
     (T.Crop(1, 2, 30, 20), EVENTS),
     (T.Downsample(), EVENTS),
     (T.DropByArea(), EVENTS),
@@ -57,6 +60,7 @@ EXAMPLES = [
     (T.Patch(), (EVENTS, T.RadiusGraph()(EVENTS))),
     (T.PatchMean(), (EVENTS, T.RadiusGraph()(EVENTS))),
     (T.TimeBins(), (EVENTS, T.RadiusGraph()(EVENTS))),
+    (T.PlaneFlow(), EVENTS),
     (T.Points(30), EVENTS),
     (T.RadiusGraph(), EVENTS),
     (T.RandomAffine(), EVENTS),
@@ -90,6 +94,9 @@ EXAMPLES = [
     (T.TORE(), EVENTS),
     (T.TimeJitter(), EVENTS),
     (T.ToFrames(5), EVENTS),
+    (T.Undistort(CAMERA), EVENTS),
+    (T.Undistort(replace(CAMERA, sensor_size=(34, 34))), GRAPHS),
+    (T.Undistort(replace(CAMERA, sensor_size=(40, 30))), FRAMES),
     (T.UniformNoise(), EVENTS),
     (T.RandomWindows(4, 9_000), EVENTS),
     (T.VoxelGrid(5), EVENTS),

@@ -1,5 +1,7 @@
 """Transforms from events to events against their definitions, event by event."""
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -93,6 +95,31 @@ def test_resized_events_lie_where_they_did(ev, size):
     found = T.Resize(size)(ev)
     assert found.sensor_size == (size, size)
     assert rows(found) == [(t, x * size // 34, y * size // 34, p) for t, x, y, p in rows(ev)]
+    both = T.Resize((size, 2 * size))(ev)
+    assert both.sensor_size == (2 * size, size)
+    assert rows(both) == [(t, x * 2 * size // 34, y * size // 34, p) for t, x, y, p in rows(ev)]
+
+
+def test_a_height_and_a_width_are_given_as_in_torchvision():
+    assert T.Resize((6, 9))(torch.zeros(2, 4, 5)).shape == (2, 6, 9)
+    assert T.Resize([6]) == T.Resize(6)
+    assert T.from_repr(repr(T.Resize([6, 9]))) == T.Resize((6, 9))
+    for size in ((6, 9, 3), (), (6, 0), (6.5, 9)):
+        with pytest.raises(ValueError, match="size must be"):
+            T.Resize(size)
+
+
+@pytest.mark.parametrize(("theirs", "ours"), [("ToFrame", "ToFrames"), ("Denoise", "BackgroundActivity")])
+def test_names_of_tonic_are_answered_with_ours(theirs, ours):
+    with pytest.raises(AttributeError, match=rf"no attribute '{theirs}'; it is {ours}\("):
+        getattr(T, theirs)
+    with pytest.raises(AttributeError, match=r"no attribute 'Anything'$"):
+        T.Anything  # noqa: B018
+
+
+def test_all_names_that_are_answered_exist():
+    for answer in T._ELSEWHERE.values():
+        assert all(hasattr(T, word) for word in re.findall(r"[A-Z]\w+", answer)), answer
 
 
 @pytest.mark.parametrize(
@@ -331,7 +358,14 @@ def test_transforms_are_applied_at_random():
 @pytest.mark.parametrize(
     "transform",
     [
-        *(T.RefractoryPeriod(5), T.BackgroundActivity(), T.HotPixels(), T.SelectPolarity(), T.Crop(0, 0, 2, 3)),
+        *(
+            T.RefractoryPeriod(5),
+            T.BackgroundActivity(),
+            T.Corners(),
+            T.HotPixels(),
+            T.SelectPolarity(),
+            T.Crop(0, 0, 2, 3),
+        ),
         *(T.Downsample(), T.RelativeTime(), T.TimeJitter(), T.SpatialJitter(), T.CenterCrop(2), T.Resize(4)),
     ],
     ids=repr,

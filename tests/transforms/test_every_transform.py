@@ -216,7 +216,7 @@ INVALID = r"must be between|outside the sensor|equally long|polarity"
 @pytest.mark.parametrize("where", OUTSIDE)
 def test_streams_refuse_events_outside_the_sensor(where):
     events = outside(where)
-    for sieve in (T.RefractoryPeriod(5), T.FirstOfBoxes(), T.RateLimit(5)):
+    for sieve in (T.RefractoryPeriod(5), T.FirstOfBoxes(), T.RateLimit(5), T.Corners()):
         with pytest.raises(ValueError, match=INVALID):
             sieve.begin((6, 4))(events)
     for kind in (T.TAF(), T.TORE(), T.LeakyFrame(), T.TimeSurface()):
@@ -246,7 +246,7 @@ def test_learnt_tensors_refuse_offsets_of_other_events(offsets):
 
 
 def test_a_sieve_of_a_smaller_sensor_refuses_events_outside_it():
-    for sieve in (T.RefractoryPeriod(5), T.FirstOfBoxes(side=1), T.RateLimit(5, side=1)):
+    for sieve in (T.RefractoryPeriod(5), T.FirstOfBoxes(side=1), T.RateLimit(5, side=1), T.Corners()):
         with pytest.raises(ValueError, match="events reach 6x4 pixels, outside the sensor of 5x4"):
             sieve.begin((5, 4))(EVENTS)
 

@@ -311,6 +311,7 @@ SHAPES = {
     "surface": (T.TimeSurface(), (2, 3, 5)),
     "surfaces": (T.TimeSurface(every=1_000), (1, 2, 3, 5)),
     "event surfaces": (T.EventSurfaces(1), (0, 3, 3)),
+    "plane flow": (T.PlaneFlow(), (0, 3)),
     "hats": (T.HATS(2, 1), (6, 2, 3, 3)),
     "four channels": (T.FourChannels(), (4, 3, 5)),
     "leaky": (T.LeakyFrame(), (1, 3, 5)),

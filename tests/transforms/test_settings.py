@@ -81,6 +81,8 @@ BOUNDS = [
     (T.NonUniformSample, "k", 1, 0, None, None, EVENTS),
     *((kind, "size", 1, -1, 17, 19, None) for kind in (T.Patch, T.PatchMean)),
     (T.TimeBins, "bins", 1, 0, None, None, None),
+    (T.PlaneFlow, "radius", 1, 0, 8, 9, EVENTS),
+    (T.PlaneFlow, "least", 3, 2, None, None, EVENTS),
     (T.Points, "count", 1, 0, None, None, EVENTS),
     (T.RadiusGraph, "alpha", 0, -1, None, None, EVENTS),
     (T.RadiusGraph, "beta", 0, -1, None, None, EVENTS),

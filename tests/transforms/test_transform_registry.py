@@ -33,7 +33,19 @@ def test_a_repr_builds_the_transform(transform):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "Window(", "Nothing()", "collate([])", "window(1, 2)", "1 + x", "Window(0, eval('5'))", "(" * 5000]
+    "text",
+    [
+        "",
+        "Window(",
+        "Nothing()",
+        "collate([])",
+        "window(1, 2)",
+        "1 + x",
+        "Window(0, eval('5'))",
+        "CameraModel((4, 4), (1.0,) * 4)",
+        "CameraModel((4, 4), (1.0, 1.0, 2.0, 2.0))",
+        "(" * 5000,
+    ],
 )
 def test_nothing_else_is_built(text):
     with pytest.raises(ValueError, match=r"repr|transform"):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 from graphs import same
+from shapes import moving_square
 from wide import LARGE, corners
 
-from nvsdata import Events, Graph
+from nvsdata import CameraModel, Events, Graph
 from nvsdata import transforms as T
 
 SIDE = 34  # of the last corner, which a small sensor stands for
@@ -64,7 +65,8 @@ ANYWHERE = [
 ]
 # what does
 ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.SpatialJitter, T.TORE, T.UniformNoise)
-ELSEWHERE = (*ELSEWHERE, T.DART, T.GroupTokens, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
+ELSEWHERE = (*ELSEWHERE, T.Corners, T.DART, T.GroupTokens, T.PlaneFlow, T.Points)
+ELSEWHERE = (*ELSEWHERE, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale, T.Undistort)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean, T.TimeBins)
@@ -162,11 +164,25 @@ def test_surfaces_around_events(size):
     ev = in_last_corner(size)
     assert T.EventSurfaces(3)(ev).equal(T.EventSurfaces(3)(SMALL))
     assert T.DART()(ev).equal(T.DART()(SMALL))
+    assert T.PlaneFlow(8, 10**6, 5_000)(ev).equal(T.PlaneFlow(8, 10**6, 5_000)(SMALL))
+    assert T.PlaneFlow(8, 10**6, 5_000)(SMALL)[:, 2].any()
     # cells begin at even pixels on all three sensors
     cells = T.HATS(2)(ev).unflatten(0, (size[1] // 2, size[0] // 2))
     corner = cells[-SIDE // 2 :, -SIDE // 2 :]
     assert corner.flatten(0, 1).equal(T.HATS(2)(SMALL))
     assert cells.count_nonzero() == corner.count_nonzero() > 0
+
+
+@sizes
+def test_corner_events(size):
+    square = moving_square((200.0, 150.0), 8.0, 0.6, (12.0, 10.0), size=(SIDE, SIDE))
+    offset = np.array(size) - SIDE
+    ev = Events(square.t, square.x + offset[0], square.y + offset[1], square.p, size)
+    found, expected = T.Corners()(ev), T.Corners()(square)
+    # the small sensor has borders at the left and above
+    found = found[(found.x >= offset[0] + 4) & (found.y >= offset[1] + 4)]
+    assert corner_of(found, size) == expected
+    assert len(expected) > 20
 
 
 @sizes
@@ -194,6 +210,9 @@ def test_places_on_the_sensor(size):
     assert halved.sensor_size == (size[0] // 2, size[1] // 2)
     assert np.array_equal(halved.x - offset[0] // 2, SMALL.x // 2)
     assert np.array_equal(halved.y - offset[1] // 2, SMALL.y // 2)
+    shifted = T.Undistort(CameraModel(size, (200.0, 200.0, 0.0, 0.0), new_intrinsics=(200.0, 200.0, -9.0, -7.0)))(ev)
+    assert np.array_equal(shifted.x, ev.x - 9)
+    assert np.array_equal(shifted.y, ev.y - 7)
     torch.manual_seed(0)
     spread = T.UniformNoise(5_000)(ev)
     assert (spread.x.max(), spread.y.max()) >= (size[0] - 9, size[1] - 9)

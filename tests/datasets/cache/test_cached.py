@@ -365,7 +365,7 @@ def test_pairs_are_cached(home, tmp_path, monkeypatch):
 def test_a_full_disk_does_not_end_a_training(digits, tmp_path):
     cached = nvsdata.cache(dataset(digits, *HEAD), tmp_path / "cache")
     plain = dataset(digits, *HEAD)
-    with file_limit(PAGE // 4), warnings.catch_warnings(record=True) as result:
+    with file_limit(PAGE // 16), warnings.catch_warnings(record=True) as result:
         warnings.simplefilter("always")
         for i in range(3):
             assert same(cached[i][0], plain[i][0])

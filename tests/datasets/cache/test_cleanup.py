@@ -17,9 +17,10 @@ from nvsdata.common.locks import lock_path, locked
 from nvsdata.datasets import source
 from nvsdata.datasets.archives.download import WORK
 from nvsdata.datasets.cache.cleanup import kept_below, remove_kept
-from nvsdata.datasets.store import writer
+from nvsdata.datasets.store import writing
 from nvsdata.datasets.windows import windows
 from nvsdata.formats import index_cache
+from nvsdata.remote.blocks import BlockCache
 
 
 def kinds(folder):
@@ -37,9 +38,9 @@ def stopped(tmp_path, monkeypatch):
                 raise KeyboardInterrupt
             yield found
 
-    in_order = writer.in_order
+    in_order = writing.in_order
     with monkeypatch.context() as patch:
-        patch.setattr(writer, "in_order", stops)
+        patch.setattr(writing, "in_order", stops)
         with pytest.raises(KeyboardInterrupt):
             nvsdata.pack(NMNIST(root, "all"), tmp_path / "digits.h5")
     return tmp_path
@@ -143,3 +144,16 @@ def test_pipes_and_links_in_the_place_of_locks_and_tags(tmp_path):
     os.mkfifo(tmp_path / "cache" / "CACHEDIR.TAG")
     (tmp_path / ".a.h5.lock").symlink_to(tmp_path / ".nvsdata.lock")
     assert kinds(tmp_path) == [("unfinished", WORK)]
+
+
+def test_blocks_of_remote_files_are_a_cache(tmp_path):
+    blocks = BlockCache(tmp_path / "a", 1 << 30)
+    for number in (0, 1):
+        blocks.add("0" * 32, number, np.zeros(100, np.uint8))
+    (tmp_path / "a/mine.txt").write_text("mine")
+    (found,) = kept_below(tmp_path)
+    assert (found.kind, found.path, len(found.files)) == ("blocks", tmp_path / "a", 3)
+    assert found.bytes > 200
+    remove_kept(found)
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["mine.txt"]
+    assert not list(kept_below(tmp_path))

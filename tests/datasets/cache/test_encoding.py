@@ -7,6 +7,7 @@ import json
 import os
 import pickle
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,9 @@ import nvsdata
 from nvsdata import NMNIST
 from nvsdata import transforms as T
 from nvsdata.common.files import sealed, unsealed
+from nvsdata.datasets.cache import encoding
 from nvsdata.datasets.cache.cached import settings_key
+from nvsdata.datasets.cache.encoding import decode_sample, encode_sample
 
 
 @pytest.fixture
@@ -191,30 +194,175 @@ def test_events_that_somebody_altered_are_made_again(digits, tmp_path, change):
     assert path.read_bytes() == whole
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("edge_index", -1), ("edge_index", 10**6), ("pos", None), ("t", None), ("edge_attr", None)]
-)
-def test_a_graph_that_somebody_altered_is_made_again(digits, tmp_path, name, value):
+def flat(name):
+    """As many numbers, but other nodes."""
+
+    def change(fields, graph, numbers):
+        fields[name][1][1] = [int(np.prod(fields[name][1][1]))]
+
+    return change
+
+
+def counted(by):
+    def change(fields, graph, numbers):
+        graph[2] += by
+
+    return change
+
+
+def byte(place, value):
+    """Of the edges: first the number of each node's edges, then the sources."""
+
+    def change(fields, graph, numbers):
+        numbers[place if place >= 0 else fields["pos"][1][1][0]] = value
+
+    return change
+
+
+def stored_as(name, *kind):
+    def change(fields, graph, numbers):
+        fields[name][1][3:] = kind
+
+    return change
+
+
+HOSTILE_GRAPHS = {
+    "flat x": flat("x"),
+    "flat pos": flat("pos"),
+    "no t": lambda fields, graph, numbers: fields.pop("t"),
+    "an edge more": counted(1),
+    "an edge less": counted(-1),
+    "all edges less": counted(-(10**6)),
+    "too many edges": counted(10**12),
+    "a node without edges more": byte(0, 0),
+    "a number without an end": byte(0, 255),
+    "a source before the first node": byte(-1, 127),
+    "a source after the last node": byte(-1, 126),
+    "t as a type that isn't smaller": stored_as("t", "int64", 0),
+    "t as text": stored_as("t", "str", 0),
+    "steps between coordinates": stored_as("pos", "uint8", 1),
+    "pseudo-coordinates of another graph": lambda fields, graph, numbers: fields.update(edge_attr=fields["pos"]),
+    "an unknown kind of pseudo-coordinates": lambda fields, graph, numbers: fields.update(pseudo=["value", "other"]),
+    "a range of pseudo-coordinates that isn't one": lambda fields, graph, numbers: fields.update(reach=["value", 3]),
+    "edges twice": lambda fields, graph, numbers: fields.update(edge_index=fields["t"]),
+}
+
+
+@pytest.mark.parametrize("alter", HOSTILE_GRAPHS.values(), ids=HOSTILE_GRAPHS)
+def test_a_graph_that_somebody_altered_is_made_again(digits, tmp_path, alter):
     def change(stated, numbers):
-        fields, place = stated[1][1][1][0][1], 0
-        for field in ("x", "pos", "t", "edge_index", "edge_attr"):
-            kind, shape, _ = fields[field][1]
-            if field == name and value is None:
-                # as many numbers, but other nodes
-                fields[field][1][1] = [int(np.prod(shape))]
-            elif field == name:
-                numbers[place : place + 8] = value.to_bytes(8, "little", signed=True)
-            size = int(np.prod(shape)) * getattr(torch, kind).itemsize
-            place += size + -size % 16
+        graph = stated[1][1][1][0]
+        alter(graph[1], graph, numbers)
 
     transform = T.Compose([T.Window(0, 100_000), T.RadiusGraph(radius=20)])
     cached = nvsdata.cache(NMNIST(digits, transform=transform), tmp_path / "cache")
     expected = cached[0][0]
-    assert expected.num_edges
+    assert 0 < expected.num_nodes < 64 < expected.num_edges
     path = cached.folder / "0/0.pt"
+    whole = path.read_bytes()
     rewritten(path, change)
-    assert torch.equal(cached[0][0].edge_index, expected.edge_index)
-    assert cached[0][0].pos.shape == expected.pos.shape
+    assert path.read_bytes() != whole
+    found = cached[0][0]
+    assert torch.equal(found.edge_index, expected.edge_index)
+    assert torch.equal(found.edge_attr, expected.edge_attr)
+    assert found.pos.shape == expected.pos.shape
+    assert path.read_bytes() == whole
+
+
+def described(stated, numbers=b""):
+    head = json.dumps(stated).encode() + b"\n"
+    return memoryview(head + bytes(-len(head) % 16) + numbers)
+
+
+BYTES_16 = ["tensor", ["int64", [16], "cpu", "uint8", 0]]
+LARGE = {
+    "a tensor": ["tensor", ["int64", [1 << 28], "cpu", "uint8", 0]],
+    "two tensors": ["list", [["tensor", ["int64", [1 << 26], "cpu", "uint8", 0]]] * 3],
+    "events": ["events", [["int64", [1 << 28], "cpu", "uint8", 1]] * 4, [1, 1], 0, 0],
+    "edges": ["graph", {"x": BYTES_16}, 1 << 26, ["uint8", [1 << 27], "cpu"]],
+    "as many edges less": ["list", [BYTES_16, ["graph", {}, -(1 << 40)], ["dict", [[BYTES_16, BYTES_16]]]]],
+}
+
+
+@pytest.mark.parametrize("stated", LARGE.values(), ids=LARGE)
+def test_few_bytes_do_not_fill_the_memory(stated):
+    with pytest.raises(ValueError, match="a sample of more than 1,073,741,824 bytes"):
+        decode_sample(described(stated, bytes(16)))
+
+
+@pytest.mark.parametrize("shape", [[10**9] * 1_000, [1] * 65, [-1], [True], "1", None])
+def test_impossible_shapes(shape):
+    with pytest.raises(ValueError, match=r"not a s(hape|ample)"):
+        decode_sample(described(["tensor", ["int64", shape, "cpu", "uint8", 0]], bytes(16)))
+
+
+def test_samples_that_take_too_much_memory_are_not_stored(digits, tmp_path, monkeypatch):
+    sample = torch.zeros(1_000, dtype=torch.int64)
+    monkeypatch.setattr(encoding, "MOST", 8_000)
+    assert torch.equal(decode_sample(memoryview(encode_sample(sample))), sample)
+    monkeypatch.setattr(encoding, "MOST", 7_999)
+    with pytest.raises(encoding.TooLarge, match="has 8,000 bytes, more than 7,999"):
+        encode_sample(sample)
+    dataset = NMNIST(digits, transform=T.VoxelGrid(4))
+    cached = nvsdata.cache(dataset, tmp_path / "cache")
+    assert torch.equal(cached[0][0], dataset[0][0])
+    assert made(cached) == []
+
+
+def bits(tensor):
+    return tensor.contiguous().view(-1).view(torch.uint8).numpy().tobytes()
+
+
+@pytest.mark.parametrize("kind", [torch.int64, torch.int32, torch.int16, torch.float64, torch.float32, torch.float16])
+@pytest.mark.parametrize("end", [1, 200, 40_000, 2**31, 2**40])
+def test_numbers_are_restored_bit_by_bit_and_in_few_bytes(kind, end):
+    whole = not kind.is_floating_point
+    top = min(end, torch.iinfo(kind).max) if whole else end
+    odd = [-0.0, float("nan"), float("inf"), 0.5] if not whole else [-1, -top]
+    for values in ([0], [0, top], [top, 0, top], [-top, top], [*range(0, 5)], [0, *odd], []):
+        tensor = torch.tensor(values, dtype=torch.int64 if whole else torch.float64).to(kind)
+        content = encode_sample(tensor)
+        found = decode_sample(memoryview(content))
+        assert (found.dtype, found.shape, bits(found)) == (tensor.dtype, tensor.shape, bits(tensor))
+    few = torch.arange(4_000).clamp(max=255).to(kind)
+    assert len(encode_sample(few)) < 4_200 or kind == torch.float16
+
+
+def test_times_are_stored_as_steps():
+    t = torch.cumsum(torch.full((1_000,), 250, dtype=torch.int64), 0)
+    content = encode_sample(t)
+    assert len(content) < 1_100
+    assert torch.equal(decode_sample(memoryview(content)), t)
+
+
+@pytest.mark.parametrize("pseudo", ["abs", "signed", "signed-time"])
+def test_a_graph_takes_few_bytes(pseudo):
+    graph = T.RadiusGraph(pseudo=pseudo)(trees.some(0, 3_000))
+    content = encode_sample(graph)
+    assert len(content) < graph.num_edges * 1.3 + graph.num_nodes * 8
+    assert graph_bits(decode_sample(memoryview(content))) == graph_bits(graph)
+
+
+def graph_bits(graph):
+    tensors = [getattr(graph, name) for name in ("x", "pos", "t", "edge_index", "edge_attr")]
+    return [(one.dtype, tuple(one.shape), bits(one)) for one in tensors], graph.reach, graph.pseudo, graph.sensor_size
+
+
+@pytest.mark.parametrize("change", ["other pseudo-coordinates", "edges in another order", "no edges", "doubles"])
+def test_other_graphs_are_restored_too(change):
+    graph = T.RadiusGraph()(trees.some(0, 50, gap=100))
+    assert graph.num_edges > 30
+    if change == "other pseudo-coordinates":
+        graph = replace(graph, edge_attr=graph.edge_attr + 0.25)
+    elif change == "no edges":
+        graph = replace(graph, edge_index=graph.edge_index[:, :0], edge_attr=graph.edge_attr[:0])
+    elif change == "doubles":
+        graph = replace(graph, edge_attr=graph.edge_attr.double())
+    elif change == "edges in another order":
+        # sources in any order, targets still grouped
+        order = torch.argsort(graph.edge_index[1] * 1_000 - graph.edge_index[0])
+        graph = replace(graph, edge_index=graph.edge_index[:, order], edge_attr=graph.edge_attr[order])
+    assert graph_bits(decode_sample(memoryview(encode_sample(graph)))) == graph_bits(graph)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="links and pipes as POSIX has them")

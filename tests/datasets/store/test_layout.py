@@ -1,4 +1,4 @@
-"""The bytes of a store's file: as docs/store.md describes them, and which values they may have."""
+"""The bytes of a store's file: as docs/dev/store.md describes them, and which values they may have."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from distributions import check_same
 import nvsdata
 from nvsdata import EventFolder, Events, FormatError
 from nvsdata.datasets.source import Folder
-from nvsdata.datasets.store import index, record
+from nvsdata.datasets.store import index, record, writing
 from nvsdata.datasets.store import writer as packing
 from nvsdata.datasets.store.reader import Store
 from nvsdata.datasets.store.writer import pack
@@ -76,17 +76,18 @@ def test_a_file_is_as_described(tmp_path, monkeypatch, compress):
     assert at + length == len(raw)
     assert raw[36:64] == bytes(28)
 
-    sizes = struct.unpack_from("<11Q", raw, at)
-    begins = at + 88 + np.cumsum([0, *(size + -size % 8 for size in sizes)])
+    sizes = struct.unpack_from("<14Q", raw, at)
+    begins = at + 112 + np.cumsum([0, *(size + -size % 8 for size in sizes)])
     assert begins[-1] == len(raw)
-    facts, place, of_file, checks, *texts, file_end, file_data = (
+    facts, place, of_file, checks, *texts, file_end, file_data, labels, positions, parts = (
         raw[begin : begin + size] for begin, size in zip(begins, sizes, strict=False)
     )
     assert facts == b'{"dataset": "event-folder", "split": "all", "fold": 0}' or facts.startswith(b'{"dataset": ')
     assert np.frombuffer(of_file, "<u8").tolist() == [(tmp_path / f"data/a/{n}.h5").stat().st_size for n in range(5)]
     names = b"".join(b"a/%d.h5\0" % n for n in range(5))
     assert texts == [names, b".\0a\0", b"", b"", b""]
-    assert (file_end, file_data) == (b"", b"")
+    assert (file_end, file_data) == (labels, positions) == (b"", b"")
+    assert parts == b""
 
     place = np.frombuffer(place, "<u8").tolist()
     assert checks == b"".join(raw[begin : begin + 4] for begin in place[:-1])
@@ -378,13 +379,13 @@ def test_facts_do_not_replace_sections(tmp_path):
 def sections_of(path):
     raw = path.read_bytes()
     place, *_ = index.index_place(raw[:64], len(raw))
-    sizes = struct.unpack_from("<11Q", raw, place)
-    begins = place + 88 + np.cumsum([0, *(size + -size % 8 for size in sizes)])
+    sizes = struct.unpack_from("<14Q", raw, place)
+    begins = place + 112 + np.cumsum([0, *(size + -size % 8 for size in sizes)])
     return [raw[begin : begin + size] for begin, size in zip(begins, sizes, strict=False)]
 
 
 def whole(sections):
-    return struct.pack("<11Q", *map(len, sections)) + b"".join(part + bytes(-len(part) % 8) for part in sections)
+    return struct.pack("<14Q", *map(len, sections)) + b"".join(part + bytes(-len(part) % 8) for part in sections)
 
 
 @pytest.mark.parametrize("name", ["facts", "name", "folder", "left_out", "reason", "file_name", "place", "bytes"])
@@ -401,7 +402,7 @@ def test_sections_of_random_bytes(tmp_path, name):
             Store(path)
 
 
-@pytest.mark.parametrize("raw", [b"", bytes(87), bytes(88), bytes(96), b"\xff" * 88, b"\xff" * 800, b"[" * 100_000])
+@pytest.mark.parametrize("raw", [b"", bytes(111), bytes(112), bytes(120), b"\xff" * 112, b"\xff" * 800, b"[" * 100_000])
 def test_an_index_of_other_bytes(tmp_path, raw):
     path = store_of(tmp_path, trees.some(1))
     storefiles.put_index(path, raw)
@@ -569,7 +570,7 @@ def stopped(dataset, out, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(packing, "_finish", stops)
+        patch.setattr(writing, "_finish", stops)
         patch.setattr(packing, "_decode", lambda *given: seen.append(given[-1]) or decode(*given))
         with pytest.raises(KeyboardInterrupt):
             pack(dataset, out)

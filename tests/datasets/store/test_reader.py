@@ -17,7 +17,7 @@ import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata import transforms as T
 from nvsdata.datasets import ASLANDVS, ASLDVS, NMNIST, DVS128Gesture, NCaltech101
-from nvsdata.datasets.store import record
+from nvsdata.datasets.store import record, writing
 from nvsdata.datasets.store import writer as packing
 from nvsdata.datasets.store.opening import open_store
 from nvsdata.datasets.store.reader import Store
@@ -122,7 +122,7 @@ def test_what_was_left_out_is_tried_again_after_a_stop(digits, tmp_path, monkeyp
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(packing, "_finish", stops)
+        patch.setattr(writing, "_finish", stops)
         with pytest.raises(KeyboardInterrupt):
             pack(NMNIST(digits, "all"), tmp_path / "a.nvs")
     broken.write_bytes(sound)

@@ -23,7 +23,7 @@ from nvsdata import NMNIST, EventFolder, Events, FormatError
 from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.datasets import ASLDVS, MNISTDVS, DVS128Gesture
-from nvsdata.datasets.store import part, writer
+from nvsdata.datasets.store import part, writer, writing
 from nvsdata.datasets.store.index import BEGIN
 from nvsdata.datasets.store.part import DATA, JOURNAL
 from nvsdata.datasets.store.reader import Store
@@ -147,7 +147,7 @@ def kills(*_, **__):
 def stopped(dataset, out, monkeypatch, step="_finish", **options):
     """Pack up to a step of the writer."""
     with monkeypatch.context() as patch:
-        patch.setattr(writer, step, kills)
+        patch.setattr(writer if step == "_decode" else writing, step, kills)
         with pytest.raises(Killed):
             pack(dataset, out, **options)
     assert not out.exists()
@@ -251,7 +251,7 @@ def test_a_journal_that_is_cut_anywhere_loses_only_what_was_cut(few, tmp_path, m
 @pytest.mark.parametrize("compress", [False, True])
 def test_a_kill_within_any_write_is_gone_on_from(few, tmp_path, monkeypatch, compress):
     dataset, stores = few
-    out, write_all, written = tmp_path / "a.h5", writer.write_all, []
+    out, write_all, written = tmp_path / "a.h5", writing.write_all, []
 
     def dies_in(moment, share):
         def dies(handle, content):
@@ -269,7 +269,7 @@ def test_a_kill_within_any_write_is_gone_on_from(few, tmp_path, monkeypatch, com
         for share in (0, 0.4, 1):
             written.clear()
             with monkeypatch.context() as patch:
-                for module in (writer, part):
+                for module in (writing, part):
                     patch.setattr(module, "write_all", dies_in(moment, share))
                 with pytest.raises(Killed):
                     pack(dataset, out, compress=compress)
@@ -337,7 +337,7 @@ def test_a_recording_that_was_left_out_is_tried_again(few, tmp_path, monkeypatch
 
 
 def test_events_lost_after_packing_are_noticed_and_packed_again(digits, tmp_path, monkeypatch):
-    finish = writer._finish
+    finish = writing._finish
 
     def loses(part, *rest):
         with part.data.open("r+b") as file:
@@ -346,8 +346,8 @@ def test_events_lost_after_packing_are_noticed_and_packed_again(digits, tmp_path
         return finish(part, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(writer, "_finish", loses)
-        with pytest.raises(OSError, match=r"the events of Test/0/00001\.bin can't be read back"):
+        patch.setattr(writing, "_finish", loses)
+        with pytest.raises(OSError, match=r"the record of Test/0/00001\.bin can't be read back"):
             pack(NMNIST(digits, "all"), tmp_path / "a.h5")
     assert not (tmp_path / "a.h5").exists()
     pack(NMNIST(digits, "all"), tmp_path / "a.h5")
@@ -410,7 +410,7 @@ def test_an_existing_store_stays_until_the_new_one_is_complete(few, tmp_path, mo
     (tmp_path / "a.h5").write_text("old")
     for step in ("_decode", "_finish", "_read_back"):
         with monkeypatch.context() as patch:
-            patch.setattr(writer, step, kills)
+            patch.setattr(writer if step == "_decode" else writing, step, kills)
             with pytest.raises(Killed):
                 pack(dataset, tmp_path / "a.h5", overwrite=True)
         assert (tmp_path / "a.h5").read_text() == "old"
@@ -494,7 +494,7 @@ def test_an_index_without_room_is_added_by_the_next_run(few, tmp_path, monkeypat
             with pytest.raises(OSError, match="No space left") as caught:
                 pack(dataset, out)
             assert caught.value.filename == str(out)
-            assert "all recordings are in" in capsys.readouterr().err
+            assert "all records are in" in capsys.readouterr().err
             assert not out.exists()
             del caught
         resize(40 * PAGE)

@@ -58,7 +58,8 @@ def test_addresses_as_jaer_has_them_for_every_davis(tmp_path, chip, width, heigh
     words = [(height - 1 - y) << 22 | (width - 1 - x) << 12 | (n % 2) << 11 for n, (x, y) in enumerate(places)]
     header = CHIP.format(f"eu.seebetter.ini.chips.davis.{chip}").encode()
     (tmp_path / "a.aedat").write_bytes(aedat2_bytes(words, range(len(words)), header))
-    assert nvsdata.open(tmp_path / "a.aedat").sensor_size == (width, height)
+    recording = nvsdata.open(tmp_path / "a.aedat")
+    assert (recording.sensor_size, recording.size_is_guessed) == ((width, height), False)
     assert list(rows(nvsdata.read(tmp_path / "a.aedat"))) == [(n, x, y, n % 2) for n, (x, y) in enumerate(places)]
 
 
@@ -68,6 +69,8 @@ def test_without_a_chip_the_addresses_or_the_sensor_tell(tmp_path):
     (tmp_path / "dvs.aedat").write_bytes(aedat2_bytes([0x0102], [5]))
     assert nvsdata.open(tmp_path / "davis.aedat").sensor_size == (240, 180)
     assert nvsdata.open(tmp_path / "dvs.aedat").sensor_size == (128, 128)
+    assert nvsdata.open(tmp_path / "dvs.aedat").size_is_guessed
+    assert not nvsdata.open(tmp_path / "dvs.aedat", sensor_size=(128, 128)).size_is_guessed
     assert nvsdata.open(tmp_path / "dvs.aedat", sensor_size=(240, 180)).layout == 1
 
 

@@ -280,3 +280,12 @@ def test_rows_that_are_written_have_no_gaps():
     from nvsdata.formats.aedat.aedat4_writer import ROW
 
     assert sum(ROW[name].itemsize for name in ROW.names) == ROW.itemsize
+
+
+@pytest.mark.parametrize("size", [0, 1, 100, 1_000, 100_000])
+def test_packets_that_are_compressed_more_than_usual(size):
+    packet = aedat4_packets.deflater()(bytes(size))
+    inflate = aedat4_packets.inflater("a.aedat4", 1)
+    assert inflate(memoryview(packet), size + 1) == bytes(size)
+    with pytest.raises(ValueError, match="truncated"):
+        inflate(memoryview(packet[:-1]), size + 1)

@@ -14,6 +14,7 @@ from lookalikes import aedat4_bytes, evt2_bytes, evt3_bytes, evt21_bytes
 import nvsdata
 from nvsdata import Events, models
 from nvsdata import transforms as T
+from nvsdata.datasets.cache.encoding import decode_sample, encode_sample
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.kernels import _native
 from nvsdata.kernels.decode.clock import UNKNOWN, clock_at
@@ -53,7 +54,9 @@ def use_files(folder, events):
 
 
 def use_graphs(events):
-    batch = nvsdata.collate([(T.RadiusGraph()(events), 0)] * 2)[0]
+    graph = T.RadiusGraph()(events)
+    assert decode_sample(memoryview(encode_sample(graph))).num_edges == graph.num_edges
+    batch = nvsdata.collate([(graph, 0)] * 2)[0]
     for pooling in ("max", "average"):
         network = models.RGCNN(3, sensor_size=(6, 5), channels=(4, 6), clusters=((2, 2), (5, 5)), pooling=pooling)
         network(batch).sum().backward()
@@ -105,6 +108,13 @@ def use_rest(folder, t, x, y, p):
     _native.blocks_between(table, 0, 100, 900)
     _native.record_head(np.zeros(96, np.uint8), 900)
     _native.crc32c(raw)
+    _native.expand_lzf(raw, np.zeros(90, np.uint8))
+    names, ends, slots = np.frombuffer(b"b/1\0a/0\0b\0", np.uint8).copy(), whole(3, 7, 9), np.zeros(8, np.uint32)
+    ends = ends.astype(np.uint32)
+    _native.enter_names(names, ends, slots)
+    _native.find_name(names, ends, slots, names[:3])
+    _native.folders_of_names(names, ends, np.zeros(3, np.uint32))
+    _native.sort_names(names, ends, True, np.arange(3, dtype=np.uint32))
     for kind, narrow in ((np.uint32, np.uint8), (np.int64, np.uint16)):
         _native.marked_range(t.astype(kind), 0, 100, 900)
         _native.stored_window(*outputs(n), 0, 100, 900, t.astype(kind), x.astype(narrow), y.astype(narrow), p)

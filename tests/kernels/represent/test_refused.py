@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 
+from nvsdata.data.events import Columns
 from nvsdata.kernels.represent import (
+    corners,
     filters,
+    flow,
     frames,
+    hfirst,
     hots,
     latest,
     learned,
     measures,
+    moves,
     patches,
     sample,
     surfaces,
@@ -40,7 +45,9 @@ def double(*shape):
 
 
 NEAR = np.zeros(5, np.int32)
+LISTS = zeros(0, dtype=np.uint32)
 PIECES = np.array([0, np.inf])
+NEURON = hfirst.Neuron(9.0, 0.001, 9)
 PADDED = 2, HEIGHT + 2, WIDTH + 2
 OFFSETS = np.array([-1, 0, 1])
 BY_POLARITY = {
@@ -70,6 +77,11 @@ BY_POLARITY = {
     "splat": lambda *ev: learned.splat(*ev, END, PIECES, NEAR, double(2, 2), zeros(1, 2, 3, *SHAPE)),
     "splat_gradient": lambda *ev: learned.splat_gradient(*ev, END, PIECES, NEAR, zeros(1, 2, 3, *SHAPE), double(2, 2)),
     "measured": lambda *ev: measures.measured(*ev, 0, N, 0, N, -1, 2, 3, double(3, *SHAPE), zeros(*SHAPE)),
+    "corners": lambda *ev: corners.corners(*ev, whole(2, *SHAPE)),
+    "plane_flow": lambda *ev: flow.plane_flow(*ev, 1, 9, 5.0, 3, whole(*PADDED)),
+    "spike_counts": lambda *ev: hfirst.spike_counts(
+        *ev, (WIDTH, HEIGHT), zeros(2, 3, 3) + 1, NEURON, 2, 9, zeros(2, 2, 3, 3) + 1, NEURON
+    ),
     "tokens": lambda *ev: measures.tokens(*ev, END, 1, zeros(1, 2, 2, 1, *SHAPE)),
 }
 BY_PIXEL = {
@@ -87,6 +99,7 @@ BY_PIXEL = {
     "first_of_boxes": lambda t, x, y, p: filters.first_of_boxes(t, x, y, 1, 9, 2, whole(*SHAPE), whole(*SHAPE)),
     "within_rate": lambda t, x, y, p: filters.within_rate(t, x, y, 1, 9, 2, whole(*SHAPE)),
     "supported_by_neighbors": lambda t, x, y, p: filters.supported_by_neighbors(t, x, y, PADDED[1:], 9),
+    "move_events": lambda *ev: moves.move_events(*ev, zeros(*SHAPE, dtype=np.uint32), LISTS, Columns.empty(N + 1)),
     "count_into": lambda t, x, y, p: filters.count_into(x, y, whole(*SHAPE)),
 }
 ALL = BY_POLARITY | BY_PIXEL
