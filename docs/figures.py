@@ -20,10 +20,12 @@ from nvsdata.benchmarks.measurement import OURS, Measurement, read_measurements
 from nvsdata.benchmarks.table import duration, number
 from nvsdata.common.errors import FormatError
 from nvsdata.common.files import put
+from nvsdata.metrics import Accuracy
 from nvsdata.metrics.seeds import by_settings, points_apart, spread
 
 BENCHMARKS = Path(__file__).parent / "figures" / "benchmarks.json"
 ACCURACY = BENCHMARKS.with_name("accuracy.json")
+ROBUSTNESS = BENCHMARKS.with_name("robustness.json")
 DEFAULT = "default"  # the settings from which runs of the ablation study differ
 ROUNDING = 1e-4  # errors up to this are rounding of float32
 
@@ -32,7 +34,8 @@ def comparison() -> list[tuple[str, ...]]:
     """Return a row for each benchmark that other libraries ran, too, after a head."""
     rows = [("task", "benchmark", "nvsdata", "other libraries: ratio", "meaning of a difference")]
     for group in by_benchmark(read_measurements(BENCHMARKS)):
-        ours = next(one for one in group if one.library == OURS)
+        # the defaults, if there are several settings
+        ours = min((one for one in group if one.library == OURS), key=lambda one: not one.default)
         if others := [one for one in group if one.library != OURS]:
             ratios = "; ".join(_ratio(one, ours) for one in others)
             kind = ours.error_kind if any(map(_differs, others)) else ""
@@ -66,21 +69,27 @@ def growth() -> list[tuple[str, ...]]:
 
 def accuracy(table: str) -> list[tuple[str, ...]]:
     """Return a row for each group of runs in a table of `accuracy.json`, after a head."""
-    head = ("network", "seeds", "validation", "test: one window", "test: vote")
-    rows = [(*head, "minutes per run", "ms per window", "commit")]
+    head = ("network", "seeds", "validation", "test: one window", "test: vote", "weights", "operations")
+    rows = [(*head, "minutes per run", "ms per window")]
     for name, runs in json.loads(ACCURACY.read_bytes())[table].items():
         row = [
-            name,
+            f"{name}{_command(runs)}",
             ", ".join(str(run["seed"]) for run in runs),
             spread([run["validation"] for run in runs if run["validation"] is not None]),
             _with_intervals([run["window"] for run in runs]),
             _with_intervals([run["vote"] for run in runs]) if runs[0]["windows"] > 1 else "",
+            *(_millions(runs[0].get(kind), digits) for kind, digits in (("weights", 2), ("operations", 0))),
             f"{mean(run['minutes'] for run in runs):.1f}",
             _milliseconds([run.get("window_ms") for run in runs]),
-            ", ".join(dict.fromkeys(run["commit"][:8] for run in runs)),
         ]
         rows.append(tuple(row))
     return rows
+
+
+def _command(runs: list[dict[str, Any]]) -> str:
+    """Return the command line and the commits of runs, which a click unfolds."""
+    commits = ", ".join(dict.fromkeys(run["commit"][:8] for run in runs))
+    return f"<details><summary>command</summary><code>{runs[0]['command']}</code> ({commits})</details>"
 
 
 def ablation(study: str) -> list[tuple[str, ...]]:
@@ -102,6 +111,22 @@ def ablation(study: str) -> list[tuple[str, ...]]:
     points = [f"points from the defaults: {kind}" for kind in kinds.values()]
     head = ("changed settings", *kinds.values(), *points, "minutes", "ms per window")
     return [head, *sorted(rows, key=lambda row: (row[0] != DEFAULT, row[0]))]
+
+
+def robustness() -> list[tuple[str, ...]]:
+    """Return a row for each corruption and strength in `robustness.json` of `recipes/robustness.py`, after a head."""
+    cells = json.loads(ROBUSTNESS.read_bytes())["cells"]
+    networks = list(dict.fromkeys(cell["network"] for cell in cells))
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for cell in cells:
+        row = found.setdefault((cell["corruption"], f"{cell['strength']:g}"), {})
+        row[cell["network"]] = f"{Accuracy(*cell['accuracy']):.3f}"
+    rows = [(*key, *(row[network] for network in networks)) for key, row in found.items()]
+    return [("corruption", "strength", *networks), *rows]
+
+
+def _millions(count: int | None, digits: int) -> str:
+    return f"{count / 1e6:,.{digits}f} M" if count else ""
 
 
 def _milliseconds(times: list[float | None]) -> str:
@@ -138,7 +163,7 @@ def _run(folder: Path) -> dict[str, Any]:
             "tested_on": report["tested_on"],
             "recordings": report["recordings"],
             "windows": report["windows"],
-            "window_ms": run.get("window_ms"),
+            **{name: run.get(name) for name in ("window_ms", "weights", "operations")},
             "epoch": run["epoch"],
             "epoch_chosen_by": run["epoch_chosen_by"],
             "minutes": round(sum(line["seconds"] for line in lines) / 60, 2),
