@@ -157,7 +157,8 @@ def scenes(row: str, column: str) -> Reader:
     def cells(path: Path) -> Rows:
         by_scene: dict[str, list[bool]] = {}
         for line in lines(path)[1:]:
-            by_scene.setdefault(line["scene"], []).append(line["scene"] == line["named"])
+            for scene, named in zip(line["scenes"], line["named"], strict=True):
+                by_scene.setdefault(scene, []).append(scene == named)
         right = [one for answers in by_scene.values() for one in answers]
         if not right:
             return []

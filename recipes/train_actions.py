@@ -37,7 +37,7 @@ from nvsdata.training.evaluation import validation
 
 def main() -> None:
     args = arguments()
-    protocol = actions_of(args, flip=not args.no_flip and args.dataset != "dvs128-gesture")
+    protocol = actions_of(args)
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
         writer = to_tensorboard(args.out, here) if args.tensorboard else None
@@ -70,7 +70,6 @@ def arguments() -> argparse.Namespace:
     add = parser.add_argument
     add("--fold", type=int, help="number of the train/test split (default 1 for UCF101-DVS and HMDB51-DVS)")
     add("--votes", type=at_least_1, default=5, help="random samples of each recording that vote at the end (default 5)")
-    add("--no-flip", action="store_true", help="train without flips, for classes that differ in left and right")
     add_actions(parser)
     add_report(parser)
     return parsed(parser)

@@ -89,6 +89,7 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
         help="events per sample of pointnet, pointnet++ and lstm (default 1024)",
     )
     add("--width", type=float, default=1.0, help="factor of the channels of rgcnn3d (default 1)")
+    add("--no-flip", action="store_true", help="train without flips, for classes that differ in left and right")
     text = "side of the frames of 3D CNNs in pixels (default: that of the thesis, 112 to 224)"
     add("--image-size", type=at_least_1, help=text)
     add("--adam", action="store_true", help="train 3D CNNs on frames by Adam in place of gradient descent")
@@ -97,8 +98,9 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
     add_run(parser)
 
 
-def actions_of(args: argparse.Namespace, *, flip: bool = True) -> actions.Actions:
+def actions_of(args: argparse.Namespace) -> actions.Actions:
     """Return the protocol that the options describe."""
+    flip = not args.no_flip and args.dataset != "dvs128-gesture"
     some = {"flip": flip, "width": args.width, "image_size": args.image_size, "adam": args.adam}
     return actions.Actions(args.network, args.temporal, args.graphs, args.duration, args.events, **some)
 

@@ -10,6 +10,7 @@ import torch
 import trees
 from clips import moving_square, write_video
 from learning import on_diagonal
+from lookalikes import matlab_bytes
 from places import RECIPES
 
 import nvsdata
@@ -117,15 +118,31 @@ def test_scenes_are_left_out_one_by_one(run, tmp_path):
     summary = json.loads(out.splitlines()[-1])
     head, *done = lines(tmp_path / "out")
     assert [line["fold"] for line in done] == [0, 1]
-    assert {line["scene"] for line in done} == {"beach"}
+    assert [line["scenes"] for line in done] == [["beach"], ["beach"]]
     assert summary["recordings"] == 2
-    assert summary["accuracy"] == np.mean([line["scene"] == line["named"] for line in done])
+    assert summary["accuracy"] == np.mean([line["named"] == ["beach"] for line in done])
     # the first one wasn't trained again
     assert "fold-000" not in out
     assert out.count("\nepoch 1, ") == 1
     assert head["epochs"] == 1
     with pytest.raises(SystemExit, match="belongs to a run of Actions"):
         run("scenes_yupenn.py", *common, "--graphs", 16, "--resume")
+    with pytest.raises(SystemExit, match="9 recordings can't be divided into 1 groups"):
+        run("scenes_yupenn.py", *common, "--groups", 1)
+
+
+def test_groups_of_any_folder_are_left_out(run, tmp_path):
+    files = {f"{name}/{n}.mat": matlab_bytes(trees.some(n)) for n in range(5) for name in "abc"}
+    root = trees.put(tmp_path / "data", files)
+    options = ("--network", "pointnet", "--events", 32, "--epochs", 1, "--device", "cpu", "--no-flip")
+    out = run(
+        "scenes_yupenn.py", "--dataset", "folder", "--root", root, "--out", tmp_path / "out", "--groups", 4, *options
+    )
+    # 15 recordings, of which each group has some of each class, and each recording is in one group
+    found = [line["scenes"] for line in lines(tmp_path / "out")[1:]]
+    assert sorted(map(len, found)) == [3, 4, 4, 4]
+    assert all({*one} == {"a", "b", "c"} for one in found)
+    assert json.loads(out.splitlines()[-1])["recordings"] == 15
 
 
 @pytest.mark.usefixtures("slim")

@@ -228,7 +228,7 @@ def test_scenes_have_an_accuracy_and_a_variance_over_scenes(tmp_path):
     path = tmp_path / "i3d/log.jsonl"
     path.parent.mkdir()
     named = [("beach", "beach"), ("beach", "river"), ("river", "river"), ("river", "river")]
-    lines = [{}, *({"scene": scene, "named": name} for scene, name in named)]
+    lines = [{}, *({"scenes": [scene], "named": [name]} for scene, name in named)]
     path.write_text("\n".join(map(json.dumps, lines)))
     (command,) = {one.read for one in TABLES["5.6"].commands if "--graphs 16 --network" in one.line}
     assert command(path) == [("I3D", "S = 16", "0.750, 4 recordings"), ("I3D", "S = 16, variance", "0.062")]
