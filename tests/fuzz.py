@@ -45,6 +45,7 @@ from lookalikes import (
     hdf5_bytes,
     matlab_bytes,
 )
+from metavision_files import metavision_bytes
 from structures import BY_SUFFIX
 
 import nvsdata
@@ -154,6 +155,7 @@ def make_samples(home: Path) -> dict[str, bytes]:
     samples["own-zip.h5"] = own_zipped(home / "w.h5")
     samples["plain.h5"] = hdf5_bytes({name.removeprefix("events/"): how for name, how in events.items()})
     samples["cd.h5"] = hdf5_bytes({"CD/events": {"data": ev.to_structured(), "chunks": (50,)}})
+    samples["ecf.h5"] = metavision_bytes(ev, 50)
     columns = {"ts": ev.t, "x": ev.x, "y": ev.y, "pol": ev.p}
     samples |= {f"times-{kind}{suffix}": b"" for kind, (suffix, *_) in KINDS.items()}
     samples["v73.mat"] = hdf5_bytes({name: {"data": column} for name, column in columns.items()}, MATLAB_73)

@@ -18,7 +18,7 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.formats.hdf5.file import name_of
-from nvsdata.formats.hdf5.filters import CHECKSUM, EXPANDED, KNOWN, SAME_SIZE, SHUFFLE, expanded_size, filters_of
+from nvsdata.formats.hdf5.filters import CHECKSUM, ECF, EXPANDED, KNOWN, SAME_SIZE, SHUFFLE, expanded_size, filters_of
 
 CHECKSUM_BYTES = 4
 
@@ -26,7 +26,7 @@ Offset = tuple[int, ...]
 
 
 class Chunks:
-    """The values of a dataset of h5py; the last chunk is cached."""
+    """The values of a dataset of h5py. The last chunk is cached, and the last rows of a table, for all its fields."""
 
     def __init__(self, path: Any, dataset: Any) -> None:
         self.path, self.dataset = path, dataset
@@ -39,8 +39,11 @@ class Chunks:
         self._check_filters()
         self._kind, self._shape, self._sides = dataset.dtype, dataset.shape, layout.get_chunk()
         in_file = dataset.id.get_type()
+        # rows of a table are copied whole, because NumPy copies them field by field
+        self._whole = self._kind if self._kind.names is None else np.dtype((np.void, self._kind.itemsize))
         self._size = math.prod(self._sides) * in_file.get_size()
         self._last: tuple[Offset, np.ndarray] | None = None
+        self._rows = 0, np.empty((0, *self._shape[1:]), self._kind)
         self._checked: set[Offset] = set()
         undone = any(kind in EXPANDED for kind in self._filters) and {SHUFFLE, *EXPANDED}.issuperset(self._filters)
         plain = self._kind.kind in "iufbV" and not self._kind.hasobject and self._kind.subdtype is None
@@ -61,6 +64,14 @@ class Chunks:
         if not self._chunked:
             return np.asarray(self.dataset[lo:hi] if self.dataset.ndim else self.dataset[()])
         first, last = (min(row, self._shape[0]) for row in (lo, self._shape[0] if hi is None else hi))
+        if self._kind.names is None:
+            return self._read(first, last)
+        begin, rows = self._rows
+        if not begin <= first <= last <= begin + len(rows):
+            begin, rows = self._rows = first, self._read(first, last)
+        return rows[first - begin : last - begin]
+
+    def _read(self, first: int, last: int) -> np.ndarray:
         height, *sides = self._sides
         begins = [range(0, side, chunk) for side, chunk in zip(self._shape[1:], sides, strict=True)]
         places = product(range(first // height * height, last, height), *begins)
@@ -68,7 +79,7 @@ class Chunks:
             for place in places:
                 self._check(place)
             return np.asarray(self.dataset[first:last])
-        rows = np.empty((max(last - first, 0), *self._shape[1:]), self._kind)
+        rows = np.empty((max(last - first, 0), *self._shape[1:]), self._whole)
         for place in places:
             begin, *others = place
             a, b = max(begin, first), min(begin + height, last)
@@ -77,7 +88,7 @@ class Chunks:
             ]
             inside = (slice(None), *(slice(where.stop - where.start) for where in across))
             rows[(slice(a - first, b - first), *across)] = self._chunk(place)[a - begin : b - begin][inside]
-        return rows
+        return rows.view(self._kind)
 
     def _stored(self, place: Offset) -> tuple[list[int], bytes]:
         """Return the filters of a chunk, in the order of writing, and its bytes."""
@@ -99,11 +110,12 @@ class Chunks:
                     raise self._error(place, f"is {error}") from None
                 # HDF5 may leave chunks that reach beyond the values as they are
                 filters = []
-        self._compare(place, len(raw))
+        # Metavision compresses only the events that are there
+        self._compare(place, len(raw), self._least(place) if ECF in filters else self._size)
         if SHUFFLE in filters and self._kind.itemsize > 1:
             shuffled = np.frombuffer(raw, np.uint8).reshape(self._kind.itemsize, -1)
             raw = np.ascontiguousarray(shuffled.T).data
-        chunk = np.frombuffer(raw, self._kind).reshape(self._sides)
+        chunk = np.frombuffer(raw, self._whole).reshape(-1, *self._sides[1:])
         self._last = place, chunk
         return chunk
 
@@ -140,9 +152,16 @@ class Chunks:
     def _is_partial(self, place: Offset) -> bool:
         return any(at + side > end for at, side, end in zip(place, self._sides, self._shape, strict=True))
 
-    def _compare(self, place: Offset, size: int) -> None:
-        if size != self._size:
-            found = f"more than its {self._size}" if size > self._size else f"{size} of its {self._size}"
+    def _least(self, place: Offset) -> int:
+        """Return the number of bytes of a chunk up to the last value, if the values are a single column."""
+        count = min(self._sides[0], self._shape[0] - place[0])
+        return int(count * self._kind.itemsize) if len(self._sides) == 1 else self._size
+
+    def _compare(self, place: Offset, size: int, least: int | None = None) -> None:
+        """Raise FormatError unless a chunk expands to the stated size, or to at least as many bytes as are needed."""
+        least = self._size if least is None else least
+        if not least <= size <= self._size:
+            found = f"more than its {self._size}" if size > self._size else f"{size} of its {least}"
             raise self._error(place, f"expands to {found} bytes")
 
     def _error(self, place: Offset, reason: str) -> FormatError:

@@ -107,8 +107,8 @@ class Stored(Column):
 
     def read(self, source: ColumnFile, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.chunks(self.name).read(lo, max(lo, hi))
-        # contiguous, because kernels need contiguous arrays
-        values = np.ascontiguousarray(rows if self._field is None else rows[self._field])
+        # a copy, because kernels need contiguous arrays, and the rows are kept for the other fields
+        values = rows if self._field is None else rows[self._field].copy()
         if values.shape != (max(hi - lo, 0),) or values.dtype.kind not in "iub":
             raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
         values = values.astype(np.uint8) if values.dtype.kind == "b" else values

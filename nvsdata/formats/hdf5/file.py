@@ -18,6 +18,7 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.formats.contents import Allowance, most_bytes
+from nvsdata.formats.hdf5.filters import ECF
 
 FOLLOW = "NVSDATA_HDF5_LINKS"
 MOST_LINKS = 16  # soft links in one path
@@ -168,13 +169,13 @@ def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tupl
 
 
 def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
-    """Raise an error if a dataset is compressed by a filter that isn't installed.
+    """Raise an error if a dataset is compressed by a filter that isn't installed, unless `Chunks` always undoes it.
 
     ImportError if installing hdf5plugin may help; FormatError if it is installed, and doesn't have the filter.
     """
     for i in range(layout.get_nfilters()):
         code, *_ = layout.get_filter(i)
-        if h5py.h5z.filter_avail(code):
+        if code == ECF or h5py.h5z.filter_avail(code):
             continue
         how = f"{name_of(dataset)} is compressed by filter {code}, which isn't installed"
         try:

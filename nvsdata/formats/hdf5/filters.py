@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 
 from nvsdata.formats.contents import fast_zlib
+from nvsdata.kernels.decode.ecf import expand_ecf
 from nvsdata.kernels.decode.lzf import expand_lzf
 
 SHUFFLE, CHECKSUM = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32
@@ -64,12 +65,13 @@ def _unzstd(data: bytes, most: int) -> bytes:
     return raw
 
 
-# filters that are undone here; the library's decoder of Zstandard doesn't notice damage
+# filters that are undone here; the library's decoders of Zstandard and ECF don't notice damage
 EXPANDED: dict[int, Callable[[bytes, int], Any]] = {
     DEFLATE: inflated,
     LZF: expand_lzf,
     BZIP2: _bunzipped,
     ZSTD: _unzstd,
+    ECF: expand_ecf,
 }
 
 
@@ -118,7 +120,5 @@ _STATED: dict[int, Callable[[bytes, tuple[int, ...]], int]] = {
     BLOSC: _blosc_size,
     LZ4: lambda data, _: _size_of_blocks(data),
     BITSHUFFLE: _size_of_blocks,
-    # events of 16 bytes
-    ECF: lambda data, _: (int.from_bytes(data[:4], "little") >> 2) * 16,
 }
 KNOWN = {*EXPANDED, *_STATED}

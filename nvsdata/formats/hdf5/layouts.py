@@ -14,8 +14,8 @@ shuffled and deflated, and `/events/starts`, the first time of each chunk, int64
 chunks. Starts that don't agree with the times that are read are not used.
 
 Other files: columns x, y, t, p in `/events` or `/`, optionally with `/t_offset` (DSEC), or one compound `/CD/events`
-(Metavision). Polarity may be 0/1 or -1/1. DSEC's compression needs the package hdf5plugin (`nvsdata[hdf5]`), and
-Metavision's needs Prophesee's plugin ECF.
+(Metavision, whose attribute `geometry` states the sensor size). Polarity may be 0/1 or -1/1. DSEC's compression needs
+the package hdf5plugin (`nvsdata[hdf5]`); Metavision's, ECF, is decoded here.
 
 In all layouts except plain columns, times never fall, so a window is found by bisection. A file out of order is
 refused, or sorted if `strict` is false. For plain columns, all times are checked before the first window is read.
@@ -23,6 +23,7 @@ refused, or sorted if `strict` is false. For plain columns, all times are checke
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -84,6 +85,8 @@ class Hdf5Recording(FileRecording):
             raise FormatError(path, f"columns of different lengths: {lengths}")
 
     def _stated(self, file: Any, own: bool) -> tuple[int, int] | None:
+        if not own and (geometry := re.fullmatch(r"(\d{1,9})x(\d{1,9})", text_of(file, "geometry"))):
+            return stated_size(self.path, int(geometry[1]), int(geometry[2]))
         if not own and (attribute(file, "width") is None or attribute(file, "height") is None):
             return None
         return stated_size(self.path, number_of(self.path, file, "width"), number_of(self.path, file, "height"))

@@ -27,6 +27,7 @@
     define(distances) \
     define(earlier) \
     define(earth_mover) \
+    define(ecf) \
     define(edge_code) \
     define(edges) \
     define(evt) \

@@ -109,6 +109,7 @@ def use_rest(folder, t, x, y, p):
     _native.record_head(np.zeros(96, np.uint8), 900)
     _native.crc32c(raw)
     _native.expand_lzf(raw, np.zeros(90, np.uint8))
+    _native.expand_ecf(raw, np.zeros(90, np.uint64))
     names, ends, slots = np.frombuffer(b"b/1\0a/0\0b\0", np.uint8).copy(), whole(3, 7, 9), np.zeros(8, np.uint32)
     ends = ends.astype(np.uint32)
     _native.enter_names(names, ends, slots)
