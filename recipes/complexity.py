@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from thesis_commands import published
 from thesis_results import number_text
 from thesis_scenes import events_of
-from thesis_tables import published
 from torch import nn
 
 import nvsdata

@@ -1,7 +1,11 @@
-"""Train on gray videos or emulated recordings, and test on real ones (thesis, section 3.5.2, Table 3.5).
+r"""Train on gray videos or emulated recordings, and test on real ones (thesis, section 3.5.2, Table 3.5).
 
     nvsdata convert-videos LETTERS --out LETTERS-emulated --size 240x180
     python recipes/sign_language.py --real LETTERS-DVS --emulated LETTERS-emulated --videos LETTERS --out runs/signs
+
+    python recipes/emulate_signs.py --out signs          # look-alikes, for a small network
+    python recipes/sign_language.py --real signs/real --emulated signs/emulated --videos signs/videos --out runs/small \
+        --network resnet50 --image-size 32 --no-flip --iterations 1500
 
 Each folder has a subfolder of recordings, or videos, for each letter. VGG-16 is trained on all of --emulated and
 --videos, and tested on all of --real. Its three input channels are consecutive frames: sums of polarity over 1 / --fps
@@ -21,6 +25,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +42,12 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
 from nvsdata.metrics import Accuracy
 from nvsdata.training import Team, Trainer, data_of, loader, run, sgd, team, votes
+from nvsdata.training.optimizers import one_cycle
 from nvsdata.transforms.tensors.image import SCALES
 from nvsdata.video.frames import frames_of
 
-SIZE, SMALLER_SIDE, FRAMES = 224, 256, 3
+SIZE, SMALLER_SIDE, FRAMES = 224, 256, 3  # of the thesis
+NETWORKS = {"vgg16": partial(models.reference.VGG, layers=16, dropout=0.8), "resnet50": models.reference.ResNet}
 
 
 def main() -> None:
@@ -51,11 +58,11 @@ def main() -> None:
         test_set = EventFolder(args.real, transform=test_transform(args))
         table = {}
         if args.videos:
-            gray = GrayVideos(args.videos, T.Compose([T.RandomTemporalCrop(FRAMES), *augmented()]))
+            gray = GrayVideos(args.videos, T.Compose([T.RandomTemporalCrop(FRAMES), *augmented(args)]))
             data = gray.data | {"test_hash": test_set.split_hash, "seed": args.seed}
             table["gray videos"] = accuracy(args, gray, data, test_set, args.out / "gray", here)
         if args.emulated:
-            emulated = EventFolder(args.emulated, transform=T.Compose([*triples(args), *augmented()]))
+            emulated = EventFolder(args.emulated, transform=T.Compose([*triples(args), *augmented(args)]))
             data = data_of(emulated, test_set, args.seed)
             table["emulated"] = accuracy(args, emulated, data, test_set, args.out / "emulated", here)
         here.print("trained on, tested on real recordings:")
@@ -67,19 +74,22 @@ def main() -> None:
 def accuracy(
     args: argparse.Namespace, train_set: Any, data: dict[str, Any], test_set: EventFolder, out: Path, here: Team
 ) -> Accuracy:
-    """Train VGG-16, and return its accuracy on real recordings."""
+    """Train a network, and return its accuracy on real recordings."""
     if train_set.classes != test_set.classes:
         raise SystemExit(f"{args.real} has the classes {test_set.classes}, not {train_set.classes}")
     torch.manual_seed(args.seed)
     epochs = max(1, -(-args.iterations // -(-len(train_set) // args.batch)))
-    model = models.reference.VGG(len(test_set.classes), layers=16, in_channels=FRAMES, dropout=0.8)
+    model = NETWORKS[args.network](len(test_set.classes), in_channels=FRAMES)
     if args.weights:
         load_weights(model, args.weights)
     model = model.to(here.device)
-    full = [layer for layer in model.classify if isinstance(layer, torch.nn.Linear)]
-    optimizer, schedule = sgd(model, args.rate, max(1, round(epochs / 3)), epochs, decay=5e-3, decayed=full[:2])
+    if args.network == "resnet50":
+        optimizer, schedule = one_cycle(model, epochs, args.rate)
+    else:
+        full = [layer for layer in model.classify if isinstance(layer, torch.nn.Linear)]
+        optimizer, schedule = sgd(model, args.rate, max(1, round(epochs / 3)), epochs, decay=5e-3, decayed=full[:2])
     options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-    protocol = f"rate {args.rate}, weights {args.weights}, {train_set.transform}"
+    protocol = f"{args.network}, rate {args.rate}, weights {args.weights}, {train_set.transform}"
     trainer = Trainer(model, optimizer, schedule, out, data=data | {"protocol": protocol}, **options)
     here.print(f"{out.name}: {len(train_set)} to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set)
@@ -141,14 +151,21 @@ def triples(args: argparse.Namespace) -> list[Any]:
     return [T.ToFrames(fps=args.fps, values="sum"), T.RandomTemporalCrop(FRAMES)]
 
 
-def augmented() -> list[Any]:
-    """Return transforms from three frames to the network's input [3, 224, 224], for training."""
-    return [T.Resize(SMALLER_SIDE), T.RandomCrop(SIZE, SCALES), T.RandomFlip(), T.Normalize()]
+def augmented(args: argparse.Namespace) -> list[Any]:
+    """Return transforms from three frames to the network's input [3, image_size, image_size], for training."""
+    flips = [] if args.no_flip else [T.RandomFlip()]
+    return [T.Resize(smaller_side(args)), T.RandomCrop(args.image_size, SCALES), *flips, T.Normalize()]
 
 
 def test_transform(args: argparse.Namespace) -> T.Compose:
-    """Return the transform from a real recording to the network's input [3, 224, 224], for tests."""
-    return T.Compose([*triples(args), T.MedianDenoise(), T.Resize(SMALLER_SIDE), T.MotionCrop(SIZE), T.Normalize()])
+    """Return the transform from a real recording to the network's input [3, image_size, image_size], for tests."""
+    crop = [T.Resize(smaller_side(args)), T.MotionCrop(args.image_size)]
+    return T.Compose([*triples(args), T.MedianDenoise(), *crop, T.Normalize()])
+
+
+def smaller_side(args: argparse.Namespace) -> int:
+    """Return the smaller side in pixels of the frames that are cropped."""
+    return round(args.image_size * SMALLER_SIDE / SIZE)
 
 
 def arguments() -> argparse.Namespace:
@@ -163,9 +180,18 @@ def arguments() -> argparse.Namespace:
     add("--iterations", type=at_least_1, default=15_000, help="training steps (default 15,000)")
     add("--rate", type=float, default=1e-3, help="learning rate at the start (default 0.001)")
     add("--batch", type=at_least_1, default=32, help="samples per step (default 32)")
+    text = (
+        "vgg16 (default), or resnet50, which learns more easily from random weights, by Adam in one cycle of its rate"
+    )
+    add("--network", choices=NETWORKS, default="vgg16", help=text)
+    add("--image-size", type=at_least_1, default=SIZE, help=f"side of the network's input in pixels (default {SIZE})")
+    add("--no-flip", action="store_true", help="train without flips, for signs that differ in left and right")
     add("--votes", type=at_least_1, default=5, help="random triples of frames of each recording that vote (default 5)")
     add_run(parser)
-    return parser.parse_args()
+    args = parser.parse_args()
+    if args.weights and args.network != "vgg16":
+        parser.error("--weights is for vgg16")
+    return args
 
 
 if __name__ == "__main__":

@@ -116,9 +116,9 @@ def transfer(path: Path) -> Rows:
     return rows
 
 
-def signs(path: Path) -> Rows:
-    """Read accuracies on recorded signs."""
-    return [(row, "Accuracy", shown(found)) for row, found in read(path).items()]
+def signs(data: str) -> Reader:
+    """Read accuracies on recorded signs, or on other `data`."""
+    return lambda path: [(row, f"Accuracy{data}", shown(found)) for row, found in read(path).items()]
 
 
 def baselines(dataset: str) -> Reader:

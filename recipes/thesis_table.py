@@ -23,7 +23,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from thesis_tables import TABLES, Command, expanded, values, where
+from thesis_commands import Command, expanded, values
+from thesis_tables import TABLES, where
 
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.text import aligned
@@ -38,9 +39,12 @@ RESUMED = {
 
 # recipes that take --epochs
 SHORTENED = {"train_objects.py", "train_actions.py", "transfer_digits.py", "scenes_yupenn.py", "ablation.py"}
-# recipes that emulate data, by their placeholders
-EMULATED = {"LOOK-ALIKES": "recipes/emulate_actions.py"}
-SETTINGS, PAIRS = "settings.txt", "aslan_pairs.csv"  # the first and the last file that it writes
+# recipes that emulate data, by their placeholders, and the last files that they write
+EMULATED = {
+    "LOOK-ALIKES": ("recipes/emulate_actions.py", "aslan_pairs.csv"),
+    "SIGNS": ("recipes/emulate_signs.py", "letters.txt"),
+}
+SETTINGS = "settings.txt"  # the first file of both
 
 
 def main() -> None:
@@ -95,9 +99,10 @@ def emulate(name: str, path: Path) -> None:
     # without its settings, a folder isn't the recipe's
     if name not in EMULATED or (path.exists() and not (path / SETTINGS).exists()):
         return
-    # the pairs come last, and an interrupted run continues
-    if not (path / PAIRS).exists():
-        start([EMULATED[name], "--out", str(path)])
+    recipe, last = EMULATED[name]
+    # an interrupted run continues
+    if not (path / last).exists():
+        start([recipe, "--out", str(path)])
 
 
 def start(words: list[str]) -> None:

@@ -1,43 +1,33 @@
-"""The tables of the thesis: published values (thesis_tables.json), and the commands that repeat them.
+"""The tables of the thesis: whether their data can be had, and the commands that repeat them.
 
 docs/facts.py lists the commands in docs/thesis.md.
 """
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, partial
-from pathlib import Path
-from typing import Any
+from functools import partial
 
 import thesis_results as results
+from thesis_commands import Command, Table, ablation, actions, counts, each_network, trained
 
 from nvsdata.datasets import DATASETS
 
-Rows = list[tuple[str, str, str]]  # row and column of the thesis's table, and our value
 # placeholders of command lines that aren't datasets, and what they stand for
 OTHERS = {
     "LOOK-ALIKES": "`recipes/emulate_actions.py --out DIR`",
+    "SIGNS": "`recipes/emulate_signs.py --out DIR`",
     "VIDEO": "any video; for Table 3.3 the one that REAL shows",
     "REAL": "recording of a camera in front of a video (3.3), or a folder of them (3.5)",
     "EMULATED": "the same recordings, emulated: nvsdata convert-videos",
     "VIDEOS": "folder of the videos",
     "MODELS": "folder of trained networks, such as OUT/ucf101-dvs-s16 of Table 5.2",
 }
-PLACEHOLDER = re.compile(r"(?<= )[A-Z][A-Z0-9-]+(?=[ /]|$)")
-ALTERNATIVES = re.compile(r"\{([\w,+-]+)\}")
-STATES = ("real", "look-alike", "not to be had")
 # settings of docs/results.md#n-cars
 N_CARS = (
     "recipes/train_objects.py --dataset n-cars --root N-CARS --validate 0.1 --nodes pixels --downsample 2 --radius 1.5"
     " --kernel-size 3 --window 100000 --features bins4 --votes 1"
 )
 IMAGES = "recipes/train_objects.py --dataset n-cars --root N-CARS --validate 0.1 --window 100000 --votes 1"
-ABLATION = "recipes/ablation.py --dataset n-mnist --root N-MNIST --out OUT --only default"
-COUNTS = "recipes/complexity.py --out OUT/complexity.json --only"
 GESTURES = "--dataset dvs128-gesture --root DVS128-GESTURE --duration"
 POINTS = "--network {lstm,pointnet,pointnet++}"
 FRAMES_5_1 = "--network {resnet3d,i3d}"
@@ -48,80 +38,10 @@ FEATURES = "{resnet3d,p3d,r2plus1d,resnext3d,i3d,plain,inception,residual}/model
 RGCNN = "--temporal {plain,inception,residual}"
 # smaller inputs and networks, as in docs/results.md#action-look-alikes-emulated
 LOOK_ALIKES = "--dataset folder --root LOOK-ALIKES --no-flip --validate 0.2 --epochs 8"
+LEFT_OUT = "--dataset folder --root LOOK-ALIKES/train --groups 10 --no-flip --epochs 8"
 SMALL_POINTS = f"{POINTS} --batch 8 --events 256"
 SMALL_FRAMES = "--batch 16 --image-size 32 --adam"
 SMALL_RGCNN = f"{RGCNN} --batch 8 --width 0.25"
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command line, and how its result is read.
-
-    Args:
-        line: Recipe and options; `OUT` is a folder for results, other words in capitals are data, or a folder of them.
-            `{a,b}` stands for one command for each of the words.
-        result: File that the command writes, relative to OUT.
-        read: Returns rows from that file.
-        journal: Whether the file grows while the command runs, so that it doesn't show that the command is done.
-    """
-
-    line: str
-    result: str
-    read: Callable[[Path], Rows]
-    journal: bool = False
-
-    @property
-    def data(self) -> tuple[str, ...]:
-        """Placeholders of data."""
-        return tuple(name for name in dict.fromkeys(PLACEHOLDER.findall(self.line)) if name != "OUT")
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of the thesis.
-
-    Args:
-        state: One of `STATES`: whether the table's own data can be had, or other data take their place.
-        note: The data, in words.
-        commands: Commands that repeat it.
-    """
-
-    state: str
-    note: str
-    commands: tuple[Command, ...] = ()
-
-
-def trained(line: str, name: str, row: str, column: str) -> Command:
-    """Return a training whose accuracy of single windows is a cell of the table."""
-    return Command(f"{line} --out OUT/{name}", f"{name}/report.json", results.accuracy(row, column))
-
-
-def each_network(
-    line: str, folder: str, result: str, read: Callable[[str], results.Reader], *, journal: bool = False
-) -> Command:
-    """Return a command for each of the networks `{a,b}` in `line`, with a folder of its own; `read` takes the row."""
-    words = ALTERNATIVES.search(line)
-    assert words
-    out = f"{folder}{words[0]}"
-    return Command(f"{line} --out OUT/{out}", f"{out}/{result}", results.by_network(read), journal)
-
-
-def actions(options: str, column: str, *kinds: str) -> tuple[Command, ...]:
-    """Return trainings on actions of kinds of networks, whose accuracies are a column of the table."""
-    folder = column.lower().replace(" ", "").replace(",", "-").replace("=", "")
-    line, read = f"recipes/train_actions.py {options}", partial(results.accuracy, column=column)
-    return tuple(each_network(f"{line} {kind}", f"{folder}/", "report.json", read) for kind in kinds)
-
-
-def ablation(group: str, setting: str, default: str) -> Command:
-    """Return a group of the ablation study, whose rows are values of a setting."""
-    return Command(f"{ABLATION} {group}", "runs.jsonl", results.ablation(setting, default), journal=True)
-
-
-def counts(number: str) -> Command:
-    """Return a count of operations."""
-    return Command(f"{COUNTS} {number}", "complexity.json", results.complexity(number))
-
 
 CONVOLUTIONS = each_network(
     f"{N_CARS} --epochs 5 --network gcnn --convolution {{gin,cheb,gcn,monet}}",
@@ -161,13 +81,19 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "3.5": Table(
-        "not to be had",
-        "the recordings of signs weren't released",
+        "look-alike",
+        "drawn letters and a simulated camera; the recordings of signs weren't released",
         (
             Command(
-                "recipes/sign_language.py --real REAL --emulated EMULATED --videos VIDEOS --out OUT",
-                "table.json",
-                results.signs,
+                "recipes/sign_language.py --real REAL --emulated EMULATED --videos VIDEOS --out OUT/signs",
+                "signs/table.json",
+                results.signs(""),
+            ),
+            Command(
+                "recipes/sign_language.py --real SIGNS/real --emulated SIGNS/emulated --videos SIGNS/videos"
+                " --network resnet50 --image-size 32 --no-flip --iterations 1500 --out OUT/look-alikes",
+                "look-alikes/table.json",
+                results.signs(", look-alikes"),
             ),
         ),
     ),
@@ -270,48 +196,25 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "5.6": Table(
-        "not to be had",
-        "YUPENN-DVS: no source is known",
+        "look-alike",
+        "actions in place of the scenes of YUPENN-DVS, of which no source is known",
         tuple(
             each_network(
-                f"recipes/scenes_yupenn.py --root YUPENN-DVS --graphs {graphs} {kind}",
-                f"s{graphs}/",
+                f"recipes/scenes_yupenn.py {options} --graphs {graphs} {kind}",
+                f"{folder}s{graphs}/",
                 "log.jsonl",
-                partial(results.scenes, column=f"S = {graphs}"),
+                partial(results.scenes, column=f"{column}S = {graphs}"),
                 journal=True,
             )
+            for options, folder, column, kinds in (
+                ("--root YUPENN-DVS", "", "", (FRAMES_5_6, RGCNN)),
+                (LEFT_OUT, "look-alikes-", "look-alikes, ", (f"{FRAMES_5_6} {SMALL_FRAMES}", SMALL_RGCNN)),
+            )
             for graphs in (8, 16)
-            for kind in (FRAMES_5_6, RGCNN)
+            for kind in kinds
         ),
     ),
 }
-
-
-@cache
-def values() -> dict[str, Any]:
-    """Return the published tables: caption, columns and rows of each."""
-    found: dict[str, Any] = json.loads(Path(__file__).with_name("thesis_tables.json").read_bytes())
-    return found
-
-
-def published(number: str, row: object, column: str) -> Any:
-    """Return a published value: a number, None if the table has none, or a list of alternatives.
-
-    KeyError or ValueError if there is no such row or column.
-    """
-    table = values()[number]
-    return table["rows"][str(row)][table["columns"].index(column)]
-
-
-def expanded(command: Command) -> list[Command]:
-    """Return a command for each word of `{a,b}`, or the command itself."""
-    words = ALTERNATIVES.search(command.line)
-    if words is None:
-        return [command]
-    return [
-        replace(command, line=command.line.replace(words[0], word), result=command.result.replace(words[0], word))
-        for word in words[1].split(",")
-    ]
 
 
 def where(name: str) -> str:
