@@ -16,8 +16,10 @@ from nvsdata.datasets.store.shards import shard_path
 from nvsdata.kernels.decode.blocks import crc32c
 
 FIELDS = (
-    "check blocks events base duration begin end width height t_bytes xy_bytes compressed format"  # of a record's head
-).split()
+    (
+        "check blocks events base duration begin end width height t_bytes xy_bytes compressed guessed format"  # of a record's head
+    ).split()
+)
 COUNT = 3  # shards
 
 

@@ -264,10 +264,16 @@ class StoredRecording(Recording):
         self._store, self._number = store, number
         self._head, self._raw = store.head(number)
         self._size = self._head.size if sensor_size is None else sensor_size
+        self._guessed = self._head.guessed and sensor_size is None
         self.repairs = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self._store, self._number, self._size)
+        return type(self), (self._store, self._number, None if self._guessed else self._size)
+
+    @property
+    def size_is_guessed(self) -> bool:
+        """True if neither the packed file nor the caller states `sensor_size`."""
+        return self._guessed
 
     @property
     def path(self) -> str:  # type: ignore[override]

@@ -19,8 +19,9 @@ except ImportError:  # isal isn't available for every processor
     isal_zlib = zlib
 
 # checksum; blocks; events; base, duration, begin and end in µs; width, height; bytes of a time and of a coordinate;
-# compression; zero; format of the packed file
-HEAD = struct.Struct("<IIQqqqqHHBBBx16s")
+# compression; whether the file states no sensor size; format of the packed file
+HEAD = struct.Struct("<IIQqqqqHHBBBB16s")
+GUESSED = 55  # offset of the byte on the sensor size
 BLOCK = np.dtype([("first", "<i8"), ("events", "<u4"), ("bytes", "<u4"), ("check", "<u4"), ("zero", "<u4")])
 NAME = 16  # bytes of a format's name
 MOST_EVENTS = 1 << 16  # of a block
@@ -43,6 +44,7 @@ class Head(NamedTuple):
         table: table of the blocks, uint8.
         widths: bytes of a time and of a coordinate.
         compressed: whether the blocks are compressed.
+        guessed: whether the size is guessed from the events, because the packed file states none.
     """
 
     span: tuple[int, int]
@@ -52,6 +54,7 @@ class Head(NamedTuple):
     table: np.ndarray
     widths: tuple[int, int]
     compressed: bool
+    guessed: bool = False
 
     @property
     def format(self) -> str:
@@ -81,6 +84,7 @@ def record_of(
     file_format: str,
     *,
     compress: bool,
+    guessed: bool = False,
 ) -> bytes:
     """Return a recording, with at least one event, as the bytes of its record."""
     base, last = int(columns.t[0]), int(columns.t[-1])
@@ -102,7 +106,7 @@ def record_of(
     table["bytes"] = [len(block) for block in blocks]
     table["check"] = [crc32c(np.frombuffer(block, np.uint8)) for block in blocks]
     stated = (UNSTATED, UNSTATED) if time[0] is None else time
-    numbers = (len(blocks), columns.t.size, base, last - base, *stated, *size, *widths, int(compress))
+    numbers = (len(blocks), columns.t.size, base, last - base, *stated, *size, *widths, int(compress), int(guessed))
     head = HEAD.pack(0, *numbers, file_format.encode())[4:] + table.tobytes()
     padding = bytes(-sum(map(len, (*blocks, head)), 4) % ALIGNED)
     del stored, plain
@@ -151,7 +155,9 @@ def head_of(raw: np.ndarray, room: int) -> Head:
     time = (None, None) if begin == UNSTATED else (begin, end)
     table = raw[HEAD.size : HEAD.size + BLOCK.itemsize * blocks]
     sides, widths = (width, height), (t, xy)
-    return Head((base, base + duration), time, sides, raw[: HEAD.size], table, widths, bool(compressed))
+    return Head(
+        (base, base + duration), time, sides, raw[: HEAD.size], table, widths, bool(compressed), bool(raw[GUESSED])
+    )
 
 
 def events_of(head: Head, first: int, last: int, raw: np.ndarray, start: int, stop: int, most: int) -> Columns:

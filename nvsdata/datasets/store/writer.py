@@ -120,7 +120,8 @@ def _decode(source: Source, size: tuple[int, int] | None, compress: bool, name: 
         return "no events"
     time = (None, None) if events.stated_end is None else (events.start, events.stated_end)
     columns = Columns(events.t, events.x, events.y, events.p)
-    record = record_of(columns, events.sensor_size, time, recording.format, compress=compress)
+    how = {"compress": compress, "guessed": recording.size_is_guessed}
+    record = record_of(columns, events.sensor_size, time, recording.format, **how)
     check = int.from_bytes(record[:4], "little")
     return JournalLine(name, len(events), len(record), check, source.size(name), list(stamp)), record
 

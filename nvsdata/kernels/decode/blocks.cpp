@@ -37,7 +37,7 @@ struct Head {
     u64 events;
     i64 base, duration, begin, end;
     u16 width, height;
-    u8 t_width, xy_width, compressed, zero;
+    u8 t_width, xy_width, compressed, guessed;
 };
 static_assert(sizeof(Head) == HEAD - 16);  // the name of a format follows
 

@@ -94,7 +94,7 @@ def test_a_file_is_as_described(tmp_path, monkeypatch, compress):
     assert (place[0], place[-1], [begin % 8 for begin in place]) == (64, at, [0] * 6)
     for events, begin, end in zip(recordings, place[:-1], place[1:], strict=True):
         check, blocks, count, base, duration, start, stop, *kind, name = struct.unpack_from(
-            "<IIQqqqqHHBBBx16s", raw, begin
+            "<IIQqqqqHHBBBB16s", raw, begin
         )
         table = np.frombuffer(raw, "<i8, <u4, <u4, <u4, <u4", blocks, begin + 72).tolist()
         assert check == crc32c(raw[begin + 4 : begin + 72 + 24 * blocks])
@@ -105,7 +105,7 @@ def test_a_file_is_as_described(tmp_path, monkeypatch, compress):
             events.t[-1] - events.t[0],
         )
         assert (start, stop) == (events.start, events.stated_end if events.stated_end is not None else stop)
-        assert (kind, name.rstrip(b"\0")) == ([34, 34, 4, 1, int(compress)], b"hdf5")
+        assert (kind, name.rstrip(b"\0")) == ([34, 34, 4, 1, int(compress), 0], b"hdf5")
         found, byte = [], begin + 72 + 24 * blocks
         for first, number, size, of_block, zero in table:
             assert (of_block, zero) == (crc32c(raw[byte : byte + size]), 0)

@@ -5,6 +5,7 @@ import os
 import pickle
 import shutil
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,6 +40,22 @@ def test_a_store_gives_what_the_folder_gives(home, tmp_path, name, compress):
         for i in range(len(folder)):
             assert window(folder.recording(i)) == window(store.recording(i))
             assert folder.recording(i).span == store.recording(i).span
+
+
+def test_a_store_remembers_which_sizes_are_guessed(tmp_path):
+    for name in ("a.npy", "a.dat"):
+        (tmp_path / "data/one").mkdir(parents=True, exist_ok=True)
+        nvsdata.write(trees.some(0), tmp_path / "data/one" / name)
+    for n in range(2):
+        # packed once more from a store
+        source = tmp_path / (f"{n - 1}.nvs" if n else "data")
+        pack(EventFolder(source), tmp_path / f"{n}.nvs")
+        found = {Path(one.path).name: one for one in map(EventFolder(tmp_path / f"{n}.nvs").recording, range(2))}
+        assert {name: one.size_is_guessed for name, one in found.items()} == {"a.npy": True, "a.dat": False}
+        assert pickle.loads(pickle.dumps(found["a.npy"])).size_is_guessed
+        assert not pickle.loads(pickle.dumps(found["a.dat"])).size_is_guessed
+    stated = EventFolder(tmp_path / "1.nvs", sensor_size=(1280, 720))
+    assert [stated.recording(i).size_is_guessed for i in range(2)] == [False, False]
 
 
 def test_side_files_travel_along(home, tmp_path):

@@ -296,7 +296,8 @@ def test_the_commands(animals, tmp_path, capsys):
     assert len(EventFolder(out)) == 8
     shard_path(out, (2, 2)).unlink()
     assert main(["verify", str(out)]) == 1
-    *_, lost, split, total = capsys.readouterr().out.splitlines()
+    *_, lost, split, guessed, total = capsys.readouterr().out.splitlines()
+    assert guessed.startswith("3 recordings state no sensor size")
     assert lost == f"{shown(files[1])}: this shard of the store is missing: copy or pack it again (5 recordings)"
     assert split.startswith("split all: ")
     assert total == "3 recordings opened: 3 faults"
