@@ -15,11 +15,8 @@ from nvsdata.datasets.store.record import BLOCK, HEAD
 from nvsdata.datasets.store.shards import shard_path
 from nvsdata.kernels.decode.blocks import crc32c
 
-FIELDS = (
-    (
-        "check blocks events base duration begin end width height t_bytes xy_bytes compressed guessed format"  # of a record's head
-    ).split()
-)
+# of a record's head
+FIELDS = "check blocks events base duration begin end width height t_bytes xy_bytes compressed guessed format".split()
 COUNT = 3  # shards
 
 
