@@ -2,10 +2,11 @@
 
     python recipes/emulate_signs.py --out signs
 
-Takes the place of the hand signs of section 3.5.2, which weren't released. Letters of six fonts have random strokes,
-slants, sizes and gray values, and move on an ellipse in front of a smooth random background. `videos` has them at 30
-frames per second, and `emulated` the same videos, emulated by PIX2NVS. `real` has other letters, as a camera sees them:
-240 frames per second, emulated by the DVS pixel model with noise and unequal thresholds. An interrupted run continues.
+The letters take the place of the hand signs of section 3.5.2, whose recordings weren't released. They have six fonts,
+and random thickness, slant, size and gray value. They move on an ellipse in front of a smooth random background.
+`videos` has them at 30 frames per second, and `emulated` the same videos, emulated by PIX2NVS. `real` has other
+drawings, as a camera sees them: 240 frames per second, emulated by the DVS pixel model with noise and unequal
+thresholds. An interrupted run continues.
 """
 
 from __future__ import annotations

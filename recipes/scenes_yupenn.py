@@ -1,11 +1,11 @@
-"""Recognize the scene of each recording by a network trained on all others (thesis, section 5.3.3, Table 5.6).
+"""Recognize the scene of each recording by a network that was trained on others (thesis, section 5.3.3, Table 5.6).
 
     python recipes/scenes_yupenn.py --root YUPENN-DVS --out runs/yupenn
 
 Leave-one-out: a network is trained for each recording (420 in YUPENN-DVS), by the protocol of `train_actions.py`. With
 --groups N, each of N trainings leaves out an N-th of the recordings of each scene. --folds FIRST LAST does only
-trainings FIRST to LAST - 1, so that several machines can share them. The recipe writes to OUT a
-line for each training in `log.jsonl`, and a folder with its log. --resume continues an interrupted run. The accuracy,
+trainings FIRST to LAST - 1, so that several machines can share them. The recipe writes to OUT
+a line for each training in `log.jsonl`, and a folder with its log. --resume continues an interrupted run. The accuracy,
 and the variance of the scenes' accuracies, are printed at the end.
 """
 
@@ -36,18 +36,22 @@ def main() -> None:
     everything = dataset_named(args.dataset)(args.root, "all")
     groups = divided(everything.targets, args.groups or len(everything))
     first, last = args.folds or (0, len(groups))
-    log, settings = args.out / "log.jsonl", f"{protocol!r} in {len(groups)} groups"
+    log, head = (
+        args.out / "log.jsonl",
+        {"protocol": repr(protocol), "groups": len(groups), "data": everything.split_hash},
+    )
+    head |= {"epochs": args.epochs, "seed": args.seed, "votes": args.votes}
     with team(args.device) as here, here.claiming(args.out), ExitStack() as stack:
         if here.rank == 0 and not args.resume:
             log.unlink(missing_ok=True)
         # other processes read the journal after the first has removed an old one
         here.barrier()
-        journal = Journal(log, {"protocol": settings, "epochs": args.epochs})
+        journal = Journal(log, head)
         here.barrier()
         if here.rank == 0:
             stack.enter_context(journal)
-        if journal.head.get("protocol") != settings:
-            raise SystemExit(f"{log} belongs to a run of {journal.head.get('protocol')}")
+        if differ := [f"{name} {journal.head.get(name)}" for name in head if journal.head.get(name) != head[name]]:
+            raise SystemExit(f"{log} belongs to a run with {', '.join(differ)}")
         lines = list(journal.lines)
         done = {line["fold"] for line in lines}
         for fold in range(first, min(last, len(groups))):

@@ -16,8 +16,9 @@ fully connected layers have a dropout of 0.8 and a weight decay of 0.005. Tests 
 each recording, cropped to the most active square.
 
 The thesis begins with weights trained on ImageNet, which aren't part of nvsdata. --weights reads those of torchvision's
-vgg16; without it the weights are random at first. The recipe writes the logs, the checkpoints and `table.json` to OUT.
---resume continues an interrupted run.
+vgg16; without it the weights are random at first. ResNet-50 learns more easily from random weights; it is trained by
+Adam in one cycle, without weight decay. The recipe writes the logs, the checkpoints and `table.json` to OUT. --resume
+continues an interrupted run.
 """
 
 from __future__ import annotations
@@ -178,7 +179,7 @@ def arguments() -> argparse.Namespace:
     add("--weights", type=Path, help="weights of torchvision's vgg16, trained on ImageNet (default: random weights)")
     add("--fps", type=float, default=30.0, help="frames per second (default 30)")
     add("--iterations", type=at_least_1, default=15_000, help="training steps (default 15,000)")
-    add("--rate", type=float, default=1e-3, help="learning rate at the start (default 0.001)")
+    add("--rate", type=float, default=1e-3, help="highest learning rate (default 0.001)")
     add("--batch", type=at_least_1, default=32, help="samples per step (default 32)")
     text = (
         "vgg16 (default), or resnet50, which learns more easily from random weights, by Adam in one cycle of its rate"

@@ -9,7 +9,8 @@
     python recipes/thesis_table.py 5.1 --data LOOK-ALIKES=actions --epochs 1
 
 The commands of docs/thesis.md, trainings included, run one after the other, in the same settings as there: a training
-takes minutes to hours. --epochs shortens all trainings, to try the commands; OUT has a separate folder for them. A
+takes minutes to hours. --epochs shortens trainings of recipes that count epochs, not steps (as those of Tables 3.4 and
+3.5 do), to try the commands; OUT has a separate folder for them. A
 command whose data aren't given is left out. A command whose result exists in OUT doesn't run again, and an interrupted
 training continues. --root is short for --data if a table takes one kind of data. Accuracies are those of single windows
 with 95% intervals over recordings, or means and deviations (±) over seeds.

@@ -125,7 +125,7 @@ def test_scenes_are_left_out_one_by_one(run, tmp_path):
     assert "fold-000" not in out
     assert out.count("\nepoch 1, ") == 1
     assert head["epochs"] == 1
-    with pytest.raises(SystemExit, match="belongs to a run of Actions"):
+    with pytest.raises(SystemExit, match="belongs to a run with protocol Actions"):
         run("scenes_yupenn.py", *common, "--graphs", 16, "--resume")
     with pytest.raises(SystemExit, match="9 recordings can't be divided into 1 groups"):
         run("scenes_yupenn.py", *common, "--groups", 1)
@@ -143,6 +143,21 @@ def test_groups_of_any_folder_are_left_out(run, tmp_path):
     assert sorted(map(len, found)) == [3, 4, 4, 4]
     assert all({*one} == {"a", "b", "c"} for one in found)
     assert json.loads(out.splitlines()[-1])["recordings"] == 15
+    (root / "a/0.mat").unlink()
+    with pytest.raises(SystemExit, match="belongs to a run with data "):
+        run(
+            "scenes_yupenn.py",
+            "--dataset",
+            "folder",
+            "--root",
+            root,
+            "--out",
+            tmp_path / "out",
+            "--groups",
+            4,
+            *options,
+            "--resume",
+        )
 
 
 @pytest.mark.usefixtures("slim")

@@ -3,6 +3,7 @@
 import importlib
 import json
 
+import cv2
 import numpy as np
 import pytest
 from places import RECIPES
@@ -62,11 +63,24 @@ def test_an_interrupted_run_continues(signs):
         signs("--train", 2, "--test", 1)
 
 
-def test_letters_differ_in_more_than_their_place(recipe):
-    images = [recipe.drawn("A", seed) for seed in range(8)]
-    assert len({image.tobytes() for image in images}) == 8
-    grays = [image.astype(float).mean() for image in images]
-    assert np.std(grays) > 5
+def test_letters_are_drawn_in_many_ways(recipe, monkeypatch):
+    monkeypatch.setattr(recipe, "texture", lambda rng, shape, mean, contrast: np.full(shape, 70.0))
+    drawings = {name: [recipe.drawn(name, seed) != 70 for seed in range(8)] for name in ("A", "C")}
+    for name, shapes in drawings.items():
+        assert len({shape.tobytes() for shape in shapes}) == 8, name
+        # pixels of the letter, of which none is at the edge
+        assert {
+            80 < shape.sum() < 1_200 and not (shape[[0, -1]].any() or shape[:, [0, -1]].any()) for shape in shapes
+        } == {True}, name
+    # an A has a hole (in an outline font two), a C has none
+    holes = {name: [_parts(~shape) - 1 for shape in shapes] for name, shapes in drawings.items()}
+    assert min(holes["A"]) > 0
+    assert holes["C"] == [0] * 8
+
+
+def _parts(mask):
+    """How many connected parts the mask has."""
+    return cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)[0] - 1
 
 
 def test_a_small_network_is_trained_on_them(run, signs, tmp_path):

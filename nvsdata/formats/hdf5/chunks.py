@@ -19,6 +19,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.formats.hdf5.file import name_of
 from nvsdata.formats.hdf5.filters import CHECKSUM, ECF, EXPANDED, KNOWN, SAME_SIZE, SHUFFLE, expanded_size, filters_of
+from nvsdata.kernels.decode.ecf import EVENT
 
 CHECKSUM_BYTES = 4
 
@@ -30,6 +31,8 @@ class Chunks:
 
     def __init__(self, path: Any, dataset: Any) -> None:
         self.path, self.dataset = path, dataset
+        self._kind, self._shape = dataset.dtype, dataset.shape
+        self._rows: tuple[int, np.ndarray] | None = None
         layout = dataset.id.get_create_plist()
         self._chunked = layout.get_layout() == h5py.h5d.CHUNKED
         if not self._chunked:
@@ -37,18 +40,19 @@ class Chunks:
         filters = filters_of(layout)
         self._filters, self._settings = [kind for kind, _ in filters], dict(filters)
         self._check_filters()
-        self._kind, self._shape, self._sides = dataset.dtype, dataset.shape, layout.get_chunk()
-        in_file = dataset.id.get_type()
+        self._sides, in_file = layout.get_chunk(), dataset.id.get_type()
         # rows of a table are copied whole, because NumPy copies them field by field
         self._whole = self._kind if self._kind.names is None else np.dtype((np.void, self._kind.itemsize))
         self._size = math.prod(self._sides) * in_file.get_size()
         self._last: tuple[Offset, np.ndarray] | None = None
-        self._rows = 0, np.empty((0, *self._shape[1:]), self._kind)
         self._checked: set[Offset] = set()
         undone = any(kind in EXPANDED for kind in self._filters) and {SHUFFLE, *EXPANDED}.issuperset(self._filters)
         plain = self._kind.kind in "iufbV" and not self._kind.hasobject and self._kind.subdtype is None
         # otherwise the library must decode the values
         self._ours = undone and plain and in_file.equal(h5py.h5t.py_create(self._kind, logical=True))
+        if ECF in self._filters and not (self._ours and self._filters == [ECF] and self._kind == EVENT):
+            reason = f"{name_of(dataset.id)} is compressed by ECF, but isn't a table of events as Metavision writes it"
+            raise FormatError(path, reason)
 
     def _check_filters(self) -> None:
         name = name_of(self.dataset.id)
@@ -61,17 +65,19 @@ class Chunks:
 
     def read(self, lo: int = 0, hi: int | None = None) -> np.ndarray:
         """Return rows lo..hi, all by default. FormatError if a chunk expands to another size than the file states."""
-        if not self._chunked:
-            return np.asarray(self.dataset[lo:hi] if self.dataset.ndim else self.dataset[()])
+        if not self.dataset.ndim:
+            return np.asarray(self.dataset[()])
         first, last = (min(row, self._shape[0]) for row in (lo, self._shape[0] if hi is None else hi))
         if self._kind.names is None:
             return self._read(first, last)
+        if self._rows is None or not self._rows[0] <= first <= last <= self._rows[0] + len(self._rows[1]):
+            self._rows = first, self._read(first, last)
         begin, rows = self._rows
-        if not begin <= first <= last <= begin + len(rows):
-            begin, rows = self._rows = first, self._read(first, last)
         return rows[first - begin : last - begin]
 
     def _read(self, first: int, last: int) -> np.ndarray:
+        if not self._chunked:
+            return np.asarray(self.dataset[first:last])
         height, *sides = self._sides
         begins = [range(0, side, chunk) for side, chunk in zip(self._shape[1:], sides, strict=True)]
         places = product(range(first // height * height, last, height), *begins)

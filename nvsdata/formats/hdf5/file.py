@@ -169,7 +169,7 @@ def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tupl
 
 
 def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
-    """Raise an error if a dataset is compressed by a filter that isn't installed, unless `Chunks` always undoes it.
+    """Raise an error if a dataset is compressed by a filter that isn't installed, except ECF, which `Chunks` undoes.
 
     ImportError if installing hdf5plugin may help; FormatError if it is installed, and doesn't have the filter.
     """

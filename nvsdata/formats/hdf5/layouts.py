@@ -14,8 +14,8 @@ shuffled and deflated, and `/events/starts`, the first time of each chunk, int64
 chunks. Starts that don't agree with the times that are read are not used.
 
 Other files: columns x, y, t, p in `/events` or `/`, optionally with `/t_offset` (DSEC), or one compound `/CD/events`
-(Metavision, whose attribute `geometry` states the sensor size). Polarity may be 0/1 or -1/1. DSEC's compression needs
-the package hdf5plugin (`nvsdata[hdf5]`); Metavision's, ECF, is decoded here.
+(Metavision). An attribute `geometry` states the sensor size, as "1280x720". Polarity may be 0/1 or -1/1. DSEC's
+compression needs the package hdf5plugin (`nvsdata[hdf5]`); Metavision's, ECF, is decoded here.
 
 In all layouts except plain columns, times never fall, so a window is found by bisection. A file out of order is
 refused, or sorted if `strict` is false. For plain columns, all times are checked before the first window is read.
@@ -85,7 +85,7 @@ class Hdf5Recording(FileRecording):
             raise FormatError(path, f"columns of different lengths: {lengths}")
 
     def _stated(self, file: Any, own: bool) -> tuple[int, int] | None:
-        if not own and (geometry := re.fullmatch(r"(\d{1,9})x(\d{1,9})", text_of(file, "geometry"))):
+        if not own and (geometry := re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text_of(file, "geometry").strip())):
             return stated_size(self.path, int(geometry[1]), int(geometry[2]))
         if not own and (attribute(file, "width") is None or attribute(file, "height") is None):
             return None
@@ -143,7 +143,7 @@ class Hdf5Recording(FileRecording):
     def _times(self, source: ColumnFile, lo: int, hi: int) -> np.ndarray:
         """Return times lo..hi in µs, int64, and set `_rises`."""
         t = self._read(source, "t", lo, hi)
-        ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
+        ends = [int(t.max(initial=0))] if t.dtype.kind == "u" and t.dtype.itemsize == 8 else []
         if not ends or ends[0] < LATEST - self._offset:
             t = t.astype(np.int64, copy=False)
             self._rises = is_sorted(t)

@@ -124,7 +124,7 @@ Stated record_head(Span<const u8> raw, i64 room) {
     if (crc32c(raw.part(4, size)) != head.check) return damaged(ALTERED);
     i64 each = i64(head.t_width) + 2 * i64(head.xy_width) + 1, events = 0, bytes = 0, before = 0;
     bool fine = head.blocks > 0 && (head.t_width == 4 || head.t_width == 8) &&
-                (head.xy_width == 1 || head.xy_width == 2) && head.compressed <= 1 && head.width > 0 &&
+                (head.xy_width == 1 || head.xy_width == 2) && head.compressed <= 1 && head.guessed <= 1 && head.width > 0 &&
                 head.width <= MOST_SIDE && head.height > 0 && head.height <= MOST_SIDE && head.base > -LATEST &&
                 head.base < LATEST && head.duration >= 0 && head.duration < LATEST - head.base;
     bool stated = head.begin != UNSTATED || head.end != UNSTATED;

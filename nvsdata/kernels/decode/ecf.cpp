@@ -13,7 +13,7 @@ namespace {
 constexpr i64 MOST = 65535;  // events of a chunk
 constexpr i64 DAMAGED = -1;
 
-// Little-endian numbers, one after the other; 0 behind the end, which `ran_out` remembers.
+// Numbers in the machine's byte order, one after the other; 0 behind the end, which `ran_out` remembers.
 class Source {
 public:
     explicit Source(Span<const u8> data) : data_(data) {}

@@ -6,7 +6,10 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-EVENT = 16  # bytes of an event: x, y and polarity of 2 each, 2 unused ones, and the time
+# an event as Metavision's files have it
+EVENT = np.dtype(
+    {"names": ["x", "y", "p", "t"], "formats": ["<u2", "<u2", "<i2", "<i8"], "offsets": [0, 2, 4, 8], "itemsize": 16}
+)
 
 
 def expand_ecf(data: bytes, most: int) -> np.ndarray:
@@ -14,8 +17,9 @@ def expand_ecf(data: bytes, most: int) -> np.ndarray:
 
     ValueError if the data is damaged.
     """
-    words = np.empty(most // EVENT * 2, np.uint64)
+    words = np.empty(most // EVENT.itemsize * 2, np.uint64)
     count = _native.expand_ecf(np.frombuffer(data, np.uint8), words)
     if count < 0:
         raise ValueError("damaged ECF data")
-    return words.view(np.uint8)[: count * EVENT] if count * EVENT <= most else np.empty(most, np.uint8)
+    size = count * EVENT.itemsize
+    return words.view(np.uint8)[:size] if size <= most else np.empty(most, np.uint8)

@@ -441,6 +441,8 @@ def test_an_index_of_other_bytes(tmp_path, raw):
         ({"xy_bytes": 0}, False),
         ({"xy_bytes": 255}, False),
         ({"compressed": 2}, False),
+        ({"guessed": 1}, True),
+        ({"guessed": 2}, False),
         ({"begin": 5, "end": -5}, False),
         ({"begin": -(2**63), "end": 5}, False),
         ({"format": b"\xff\0\n" * 5}, True),

@@ -145,13 +145,14 @@ def test_times_that_an_offset_takes_too_far_are_refused(path):
 
 
 @pytest.mark.parametrize("storage", [{}, {"chunks": (100,)}, {"chunks": (100,), "compression": "gzip"}])
+@pytest.mark.parametrize("kind", ["<u8", ">u8"])
 def test_times_that_are_no_int64_are_refused(path, storage):
     def put(times):
         with h5py.File(path, "r+") as file:
             del file["events/t"]
             file.create_dataset("events/t", data=times, **storage)
 
-    times = np.arange(1_000, dtype=np.uint64)
+    times = np.arange(1_000, dtype=kind)
     put(times)
     assert nvsdata.read(path).t.tolist() == times.tolist()
     times[-1] = 2**64 - 1
