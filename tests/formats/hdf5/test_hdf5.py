@@ -146,7 +146,7 @@ def test_times_that_an_offset_takes_too_far_are_refused(path):
 
 @pytest.mark.parametrize("storage", [{}, {"chunks": (100,)}, {"chunks": (100,), "compression": "gzip"}])
 @pytest.mark.parametrize("kind", ["<u8", ">u8"])
-def test_times_that_are_no_int64_are_refused(path, storage):
+def test_times_that_are_no_int64_are_refused(path, storage, kind):
     def put(times):
         with h5py.File(path, "r+") as file:
             del file["events/t"]
