@@ -156,6 +156,9 @@ def make_samples(home: Path) -> dict[str, bytes]:
     samples["plain.h5"] = hdf5_bytes({name.removeprefix("events/"): how for name, how in events.items()})
     samples["cd.h5"] = hdf5_bytes({"CD/events": {"data": ev.to_structured(), "chunks": (50,)}})
     samples["ecf.h5"] = metavision_bytes(ev, 50)
+    lines = b"".join(b"%d,%d,%d,%d\n" % (e.x, e.y, e.p, e.t) for e in ev.to_structured().view(np.recarray))
+    samples["metavision.csv"] = b"%geometry:128,128\n" + lines
+    samples["names.csv"] = b"x,y,polarity,timestamp_us\n" + lines
     columns = {"ts": ev.t, "x": ev.x, "y": ev.y, "pol": ev.p}
     samples |= {f"times-{kind}{suffix}": b"" for kind, (suffix, *_) in KINDS.items()}
     samples["v73.mat"] = hdf5_bytes({name: {"data": column} for name, column in columns.items()}, MATLAB_73)

@@ -1,8 +1,13 @@
-"""Text, one event per line: `x y t p` with t in µs, or `t x y p` with t in seconds.
+"""Text, one event per line of four numbers.
 
-The second form is recognized by a decimal point in the first number, or by a first line of two numbers, width and
-height. nvsdata's own files begin with a comment that states the sensor, and that the events are sorted. In such a file,
-a window is found by bisection over the bytes.
+What the numbers are is stated by a line of names, such as `timestamp,x,y,polarity`, with `_us` or `_s` for the unit of
+time. Otherwise, a first line of two numbers, width and height, or a decimal point in the first number stands for
+`t x y p` with t in seconds. Other files are `x y t p`, `t x y p` or `x y p t` (Metavision) with t in µs, the first of
+these in which coordinates, polarities and rising times agree with the first lines. Lines of comments begin with `#` or
+`%`.
+
+nvsdata's own files begin with a comment that states the sensor, and that the events are sorted. In such a file, a
+window is found by bisection over the bytes.
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format
+from nvsdata.formats.text_layout import TextLayout, layout_of
 from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode import text as kernel
 from nvsdata.kernels.decode.order import is_sorted
@@ -31,8 +37,6 @@ FAULTS = {
 }
 OWN = re.compile(rb"# nvsdata events: x y t p, sorted, sensor (\d+)x(\d+)\n([^\n]* us\n)?")
 EVENT = re.compile(rb"\d+ \d+ (-?\d{1,19}) \d\r?\n?")  # a line of nvsdata's own files
-SIZE = re.compile(rb"[ \t]*(\d+)[ \t]+(\d+)[ \t]*\r?\n")
-SECONDS = re.compile(rb"[ \t]*-?\d+\.\d")
 CHUNK = 1 << 14  # bytes; bisection ends at this size, and the rest is parsed
 LINE = 128  # bytes that are read to find a line
 PIECE = 1 << 24  # bytes that are parsed at a time
@@ -47,16 +51,17 @@ class TextRecording(FileRecording):
         super().__init__(path, sensor_size, strict)
         self._contents = Contents(path, head)
         self._probed: dict[int, tuple[int, int | None]] = {}
-        self._body = 0
         own = OWN.match(head)
-        size = own or SIZE.match(head)
         self._sorted = own is not None
-        if size:
-            self._body = size.end()
-            self._size = self._size or stated_size(path, size[1].decode(), size[2].decode())
+        if own:
+            self._layout = TextLayout("xytp", False, own.end(), (own[1], own[2]))
+        else:
+            self._layout = layout_of(head) or TextLayout("xytp", False, 0, None)
+        self._body = self._layout.body
+        if self._layout.size:
+            self._size = self._size or stated_size(path, *(side.decode() for side in self._layout.size))
         if own and own[3]:
             self._state_times(stated_time([own[3].decode("latin-1")]))
-        self._seconds = not own and (size is not None or SECONDS.match(_first_line(head)) is not None)
 
     def decode(self) -> Columns:
         columns = self._parse(self._body, self._contents.size)
@@ -80,7 +85,9 @@ class TextRecording(FileRecording):
         """Decode a piece of the file; return events and the number of lines that were dropped."""
         raw = self._contents.read(start, stop)
         columns = Columns.empty(int(np.count_nonzero(raw == ord("\n"))) + 1)
-        kept, fault, where, dropped = kernel.text_decode(raw, self._seconds, not self.strict, *columns)
+        kept, fault, where, dropped = kernel.text_decode(
+            raw, self._layout.order, self._layout.seconds, not self.strict, *columns
+        )
         if fault:
             raise FormatError(self.path, FAULTS[fault], offset=start + where)
         return columns.first(kept), dropped
@@ -136,18 +143,9 @@ class TextRecording(FileRecording):
         return size, b""
 
 
-def _first_line(head: bytes) -> bytes:
-    """Return the first line that is neither empty nor a comment."""
-    for line in head.splitlines():
-        if line.strip() and not line.startswith(b"#"):
-            return line
-    return b""
-
-
 def looks_like(head: bytes, size: int) -> bool:
-    """Return whether a file begins with a line of two or four decimal numbers, after comments."""
-    line = _first_line(head)
-    return re.fullmatch(rb"\s*-?[\d.]+([ \t,]+-?[\d.]+)([ \t,]+-?[\d.]+[ \t,]+-?[\d.]+)?\s*", line) is not None
+    """Return whether a file begins, after comments, with two or four decimal numbers, or the names of four columns."""
+    return layout_of(head) is not None
 
 
 def write(pieces: Pieces, path: Path) -> None:

@@ -266,3 +266,81 @@ def test_a_header_without_events(tmp_path, strict):
     recording = nvsdata.open(tmp_path / "a.txt", strict=strict)
     assert (len(recording.read()), len(recording.read(0, 9)), recording.span) == (0, 0, (0, 0))
     assert recording.repairs == {}
+
+
+def lines_of(ev, order, separator=","):
+    """The events as lines of numbers."""
+    columns = {"t": ev.t.tolist(), "x": ev.x.tolist(), "y": ev.y.tolist(), "p": ev.p.tolist()}
+    return "".join(
+        separator.join(map(str, line)) + "\n" for line in zip(*(columns[name] for name in order), strict=True)
+    )
+
+
+@pytest.mark.parametrize("order", ["xytp", "txyp", "xypt"])
+@pytest.mark.parametrize("separator", [" ", ",", ";", "\t"])
+@pytest.mark.parametrize("first", [0, 3_000_000])
+def test_orders_without_a_header(tmp_path, ev, order, separator, first):
+    ev = nvsdata.Events(ev.t + first, ev.x, ev.y, ev.p, ev.sensor_size)
+    assert len(ev) > 64
+    assert read(tmp_path, lines_of(ev, order, separator), sensor_size=ev.sensor_size) == ev
+    # some damaged lines, and some events out of order
+    lines = lines_of(ev, order, separator).splitlines()
+    lines[3], lines[20], lines[30], lines[31] = "nothing", "-1,-1,-1,-1", lines[31], lines[30]
+    found = read(tmp_path, "\n".join(lines), sensor_size=ev.sensor_size, strict=False)
+    kept = [n for n in range(len(ev)) if n not in (3, 20)]
+    assert found == nvsdata.Events(ev.t[kept], ev.x[kept], ev.y[kept], ev.p[kept], ev.sensor_size)
+
+
+def test_a_file_that_is_not_sorted_is_x_y_t_p_if_it_can_be(tmp_path, ev):
+    mixed = np.random.default_rng(0).permutation(len(ev))
+    shuffled = ev.to_structured()[mixed]
+    lines = "".join(f"{e['x']} {e['y']} {e['t']} {e['p']}\n" for e in shuffled)
+    assert read(tmp_path, lines, sensor_size=ev.sensor_size).t.tolist() == ev.t.tolist()
+    lines = "".join(f"{e['x']},{e['y']},{e['p']},{e['t'] + 2}\n" for e in shuffled)
+    assert read(tmp_path, lines, sensor_size=ev.sensor_size).t.tolist() == (ev.t + 2).tolist()
+
+
+@pytest.mark.parametrize(
+    ("header", "order", "seconds"),
+    [
+        ("x,y,polarity,timestamp", "xypt", False),
+        ("timestamp,x,y,polarity", "txyp", False),
+        ("t x y p", "txyp", False),
+        ('"Time","Y","X","Pol"', "tyxp", False),
+        ("timestamp_us;x;y;p", "txyp", False),
+        ("ts[us],p,y,x", "tpyx", False),
+        ("x\ty\tp\tt_s", "xypt", True),
+        ("timestamp (s),x,y,p", None, None),
+        ("event_timestamp,x,y,polarity", "txyp", True),
+        ("\ufeffx,y,p,t", "xypt", False),
+    ],
+)
+def test_names_of_columns(tmp_path, header, order, seconds):
+    if order is None:
+        assert text.looks_like(f"{header}\n1,2,3,1\n".encode(), 30) is False
+        return
+    event = {"t": "1.500001" if seconds else "1500001", "x": "3", "y": "4", "p": "1"}
+    line = ",".join(event[name] for name in order)
+    content = f"# a comment\n% another\n{header}\n{line}\n{line}\n"
+    content = content.replace("# a comment\n% another\n", "") if header.startswith("\ufeff") else content
+    found = read(tmp_path, content)
+    columns = [column.tolist() for column in found.columns]
+    assert columns == [[1_500_001] * 2, [3, 3], [4, 4], [1, 1]]
+    assert text.looks_like(content.encode(), len(content))
+
+
+def test_metavisions_csv(tmp_path, ev):
+    """As metavision_file_to_csv writes it."""
+    width, height = ev.sensor_size
+    content = f"%geometry:{width},{height}\n{lines_of(ev, 'xypt')}"
+    (tmp_path / "a.csv").write_text(content)
+    recording = nvsdata.open(tmp_path / "a.csv")
+    assert not recording.size_is_guessed
+    assert recording.read() == ev
+    (tmp_path / "a.csv").write_text(content.replace(f"{width},{height}", f"{width};{height}", 1))
+    assert nvsdata.open(tmp_path / "a.csv").size_is_guessed
+
+
+@pytest.mark.parametrize("header", ["x,y,t", "x,y,t,t", "x,y,t,q", "x,y,t,p,label", "frame,x,y,p"])
+def test_other_names_are_no_text_of_events(header):
+    assert not text.looks_like(f"{header}\n1,2,3,1\n".encode(), 30)

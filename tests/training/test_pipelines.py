@@ -62,11 +62,11 @@ def test_only_training_changes_samples_at_random(protocol, added):
 
 def test_other_pipelines_to_test_on(monkeypatch):
     monkeypatch.syspath_prepend(RECIPES)
-    args = Namespace(fps=30.0, frames=16)
+    args = Namespace(fps=30.0, frames=16, image_size=224, no_flip=False)
     transfer, letters = (runpy.run_path(str(RECIPES / f"{name}.py")) for name in ("transfer_emulated", "sign_language"))
     tests = transfer["test_pipeline"](args), letters["test_transform"](args), demo_training.pipeline(augmented=False)
     assert [changes(pipeline) for pipeline in tests] == [[], [], []]
-    trainings = transfer["train_pipeline"](args), T.Compose(letters["augmented"]())
+    trainings = transfer["train_pipeline"](args), T.Compose(letters["augmented"](args))
     assert all(changes(pipeline) for pipeline in (*trainings, demo_training.pipeline(augmented=True)))
 
 

@@ -16,7 +16,7 @@ constexpr i64 MOST = INT64_MAX;
 constexpr int DECIMALS = 6;  // of seconds
 
 bool is_digit(u8 c) { return c >= '0' && c <= '9'; }
-bool is_space(u8 c) { return c == ' ' || c == '\t' || c == ',' || c == '\r'; }
+bool is_space(u8 c) { return c == ' ' || c == '\t' || c == ',' || c == ';' || c == '\r'; }
 
 // Reads numbers of a text from byte `i` on.
 struct Reader {
@@ -27,18 +27,19 @@ struct Reader {
     bool more() const { return i < raw.size(); }
     u8 here() const { return raw[i]; }
 
-    // Read the numbers of a line: their number, the fault and its byte `where`. Continues at the next line.
-    std::pair<int, Fault> line(bool seconds_first, i64& where) {
+    // Read the numbers of a line, one of them in seconds unless `seconds_at` is -1: their number, the fault and its byte
+    // `where`. Continues at the next line.
+    std::pair<int, Fault> line(i64 seconds_at, i64& where) {
         int found = 0;
         Fault fault = OK;
         where = i;
-        bool comment = here() == '#';
+        bool comment = here() == '#' || here() == '%';
         while (more() && here() != '\n') {
             if (comment || fault != OK || is_space(here())) {
                 ++i;
             } else if (found == 4) {
                 fault = BAD_COUNT;
-            } else if (number(seconds_first && found == 0, values[found])) {
+            } else if (number(found == seconds_at, values[found])) {
                 ++found;
             } else {
                 fault = BAD_NUMBER;
@@ -81,16 +82,17 @@ struct Reader {
 
 }  // namespace
 
-std::tuple<i64, int, i64, i64> text_decode(Span<const u8> raw, bool seconds_first, bool skip_faults, Span<i64> t,
-                                           Span<i16> x, Span<i16> y, Span<u8> p) {
+std::tuple<i64, int, i64, i64> text_decode(Span<const u8> raw, i64 t_at, i64 x_at, i64 y_at, i64 p_at, bool seconds,
+                                           bool skip_faults, Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
+    for (i64 at : {t_at, x_at, y_at, p_at}) require(at >= 0 && at < 4, "a line has four numbers");
     i64 room = t.size(), kept = 0, dropped = 0, where = 0;
     Columns out{t, x, y, p, 0, room};
     Reader reader{raw};
     while (reader.more()) {
-        auto [found, fault] = reader.line(seconds_first, where);
+        auto [found, fault] = reader.line(seconds ? t_at : -1, where);
         if (found == 0 && fault == OK) continue;
-        auto [a, b, c, polarity] = reader.values;
-        i64 time = seconds_first ? a : c, column = seconds_first ? b : a, row = seconds_first ? c : b;
+        const i64* values = reader.values;
+        i64 time = values[t_at], column = values[x_at], row = values[y_at], polarity = values[p_at];
         bool inside = column >= 0 && row >= 0 && column <= 32766 && row <= 32766 && polarity >= -1 && polarity <= 1;
         if (fault == OK && !inside) fault = OUT_OF_RANGE;
         if (fault == OK && (time <= -LATEST || time >= LATEST)) fault = TOO_LATE;

@@ -1,5 +1,7 @@
 """Lines of numbers, at exactly the bounds of what is one."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 
@@ -9,11 +11,11 @@ from nvsdata.kernels.decode.text import BAD_COUNT, BAD_NUMBER, OK, OUT_OF_RANGE,
 LATEST = 2**62 - 1
 
 
-def decoded(text, seconds_first=False, skip=False):
+def decoded(text, order="xytp", seconds=False, skip=False):
     """What is decoded of a text: events, fault, byte of the fault, lines dropped."""
     raw = np.frombuffer(text.encode(), np.uint8)
     columns = Columns.empty(9)
-    kept, fault, at, dropped = text_decode(raw, seconds_first, skip, *columns)
+    kept, fault, at, dropped = text_decode(raw, order, seconds, skip, *columns)
     return [list(event) for event in zip(*(c[:kept].tolist() for c in columns), strict=True)], fault, at, dropped
 
 
@@ -28,6 +30,7 @@ def test_faults_are_told_apart():
         ("0 0 0 0", [0, 0, 0, 0]),
         ("32766 32765 5 1", [5, 32766, 32765, 1]),
         ("5\t32766,19 -1", [19, 5, 32766, 0]),
+        ("1;2;;3 ;1", [3, 1, 2, 1]),
         (f"1 2 {LATEST} 1", [LATEST, 1, 2, 1]),
         (f" 1,, 2 {-LATEST} 0", [-LATEST, 1, 2, 0]),
         ("1 2 00000000000000000000003 1", [3, 1, 2, 1]),
@@ -64,7 +67,7 @@ def test_lines_of_whole_numbers(numbers, event, end):
         ("1 2 3 1x", BAD_NUMBER, 7),
         ("1 2 : 1", BAD_NUMBER, 4),
         ("1 2 / 1", BAD_NUMBER, 4),
-        ("1 2 3;1", BAD_NUMBER, 5),
+        ("1 2 3|1", BAD_NUMBER, 5),
         ("1 2 3\b1", BAD_NUMBER, 5),
         ("# 1\n1 #", BAD_NUMBER, 6),
     ],
@@ -95,9 +98,25 @@ def test_the_first_fault_is_told_and_others_are_dropped(line, fault, at):
     ],
 )
 def test_seconds_are_read_to_the_microsecond(seconds, time):
-    events, fault, _, _ = decoded(f"{seconds} 3 4 1", seconds_first=True)
+    events, fault, _, _ = decoded(f"{seconds} 3 4 1", order="txyp", seconds=True)
     if isinstance(time, str):
         assert (events, fault) == ([], TOO_LATE if "late" in time else BAD_NUMBER)
     else:
         assert (events, fault) == ([[time, 3, 4, 1]], OK)
-    assert decoded("1.5 3.5 4 1", seconds_first=True)[1] == BAD_NUMBER
+    assert decoded("1.5 3.5 4 1", order="txyp", seconds=True)[1] == BAD_NUMBER
+
+
+@pytest.mark.parametrize("order", ["".join(order) for order in permutations("txyp")])
+@pytest.mark.parametrize("seconds", [False, True])
+def test_any_order_of_the_numbers(order, seconds):
+    event = {"t": "1.5" if seconds else "7", "x": "3", "y": "4", "p": "-1"}
+    line = ";".join(event[name] for name in order)
+    assert decoded(f"% {line}\n{line}\n# {line}\n", order, seconds) == (
+        [[1_500_000 if seconds else 7, 3, 4, 0]],
+        OK,
+        0,
+        0,
+    )
+    for name in "xyp":
+        wrong = " ".join("1.5" if name == one else event[one] for one in order)
+        assert decoded(wrong, order, seconds)[1] == BAD_NUMBER
