@@ -22,7 +22,7 @@ from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.opening import open_store
 from nvsdata.datasets.store.reader import Store
-from nvsdata.formats.text import looks_like
+from nvsdata.formats.text_layout import looks_like
 from nvsdata.remote.url import Url
 
 SHOWN = 3  # names in a message

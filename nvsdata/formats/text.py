@@ -1,10 +1,12 @@
 """Text, one event per line of four numbers.
 
-What the numbers are is stated by a line of names, such as `timestamp,x,y,polarity`, with `_us` or `_s` for the unit of
-time. Otherwise, a first line of two numbers, width and height, or a decimal point in the first number stands for
-`t x y p` with t in seconds. Other files are `x y t p`, `t x y p` or `x y p t` (Metavision) with t in µs, the first of
-these in which coordinates, polarities and rising times agree with the first lines. Lines of comments begin with `#` or
-`%`.
+A line of names states what the numbers are: `timestamp,x,y,polarity`, with `_us` or `_s` for the unit of time, which is
+s if any of the first times has decimals, otherwise µs. It may be a comment. A first line of two numbers is width and
+height, and `t x y p` with t in s follow; so they do if the first number has a decimal point.
+
+For other lines of numbers, the order is guessed from the first ones: `x y t p` if these can be read so, unless its
+times fall or hardly differ and those of another order don't; otherwise `t x y p` or `x y p t` (Metavision). Comments
+begin with `#` or `%`.
 
 nvsdata's own files begin with a comment that states the sensor, and that the events are sorted. In such a file, a
 window is found by bisection over the bytes.
@@ -24,7 +26,7 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format
-from nvsdata.formats.text_layout import TextLayout, layout_of
+from nvsdata.formats.text_layout import TextLayout, layout_of, looks_like
 from nvsdata.formats.writing import Pieces, file_with_header, stated_time, time_comment
 from nvsdata.kernels.decode import text as kernel
 from nvsdata.kernels.decode.order import is_sorted
@@ -53,10 +55,10 @@ class TextRecording(FileRecording):
         self._probed: dict[int, tuple[int, int | None]] = {}
         own = OWN.match(head)
         self._sorted = own is not None
-        if own:
-            self._layout = TextLayout("xytp", False, own.end(), (own[1], own[2]))
-        else:
-            self._layout = layout_of(head) or TextLayout("xytp", False, 0, None)
+        try:
+            self._layout = TextLayout("xytp", False, own.end(), (own[1], own[2]), True) if own else layout_of(head)
+        except ValueError as error:
+            raise FormatError(path, str(error)) from None
         self._body = self._layout.body
         if self._layout.size:
             self._size = self._size or stated_size(path, *(side.decode() for side in self._layout.size))
@@ -89,7 +91,11 @@ class TextRecording(FileRecording):
             raw, self._layout.order, self._layout.seconds, not self.strict, *columns
         )
         if fault:
-            raise FormatError(self.path, FAULTS[fault], offset=start + where)
+            order = " ".join(self._layout.order)
+            taken = (
+                "" if self._layout.stated else f" (lines are taken as {order}; a first line such as t,x,y,p names them)"
+            )
+            raise FormatError(self.path, FAULTS[fault] + taken, offset=start + where)
         return columns.first(kept), dropped
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
@@ -141,11 +147,6 @@ class TextRecording(FileRecording):
                 return (at - 1 + begin, piece[begin : end or None]) if begin else (size, b"")
             length *= 16
         return size, b""
-
-
-def looks_like(head: bytes, size: int) -> bool:
-    """Return whether a file begins, after comments, with two or four decimal numbers, or the names of four columns."""
-    return layout_of(head) is not None
 
 
 def write(pieces: Pieces, path: Path) -> None:

@@ -1,34 +1,36 @@
-"""What the numbers in the lines of a text are: by a header, or by the first lines."""
+"""What the numbers in the lines of a text are: by a line of names, or by the first lines of numbers."""
 
 from __future__ import annotations
 
 import re
 from io import BytesIO
-from itertools import islice, pairwise
-from operator import itemgetter
-from statistics import fmean
 from typing import NamedTuple
+
+import numpy as np
+
+from nvsdata.data.events import Columns
+from nvsdata.formats.contents import HEAD
+from nvsdata.kernels.decode.text import text_decode
 
 MARK = b"\xef\xbb\xbf"  # byte order mark, with which some programs begin a file
 COMMENTS = b"#", b"%"
+BETWEEN = b" \t,;\r\n"  # what is between numbers
 SEPARATORS = re.compile(rb"[ \t,;]+")
-SIZE = re.compile(rb"[ \t]*(\d+)[ \t]+(\d+)[ \t]*")
+SIZE = re.compile(rb"(\d+)[ \t]+(\d+)")
 GEOMETRY = re.compile(rb"%[ \t]*geometry:[ \t]*(\d+)[,x](\d+)")  # as Metavision writes it
-NUMBER = re.compile(rb"-?\d{1,18}(\.0*)?")
-SECONDS = re.compile(rb"-?\d{1,12}\.\d+")
+NUMBER = re.compile(rb"-?[\d.]+")
+SECONDS = re.compile(rb"-?\d+\.\d")
 NAMES = {
     "x": "x",
     "y": "y",
     **dict.fromkeys(("t", "ts", "time", "times", "timestamp", "timestamps", "event_timestamp"), "t"),
     **dict.fromkeys(("p", "pol", "polarity", "polarities"), "p"),
 }
-UNIT = re.compile(r"(\w+?)[ _]*[\[(]?(us|µs|s)[\])]?")
-# orders without a header; each is taken before the next if both are possible
-ORDERS = "xytp", "txyp", "xypt"
-MOST = 64  # lines that are examined
-FEWEST = 16  # lines from which on first numbers may be times
+LONGEST = 24  # characters of a name
+UNIT = re.compile(r"([a-z_]+?)_?[\[(]?(us|µs|μs|s)[\])]?")
+EXAMINED = 1 << 14  # bytes of the first lines
 MAJORITY = 0.9  # share of lines that must agree: some may be damaged
-FARTHEST = 32_766  # pixels
+FEWEST = 16  # lines from which on another order than x y t p is taken if both are possible
 
 
 class TextLayout(NamedTuple):
@@ -39,92 +41,129 @@ class TextLayout(NamedTuple):
         seconds: whether times are in s; otherwise in µs.
         body: offset of the lines of events, or of comments before them.
         size: (width, height) as the file states them, not checked, or None.
+        stated: whether the file states the order.
     """
 
     order: str
     seconds: bool
     body: int
     size: tuple[bytes, bytes] | None
+    stated: bool
 
 
-def layout_of(head: bytes) -> TextLayout | None:
-    """Return the layout of the text that begins with `head`; None if it doesn't seem to be a text of events."""
+def layout_of(head: bytes) -> TextLayout:
+    """Return the layout of the text that begins with `head`. ValueError if a line names other columns."""
+    at, line, size, names = _first(head)
+    words = _words(line)
+    # in a comment, or in a line of its own
+    for found, body in ((names, at), (words, at + len(line))):
+        if named := _named(found):
+            order, unit = named
+            return TextLayout(order, unit == "s" or (not unit and _has_parts(head[body:], order)), body, size, True)
+    if sum(_name_of(word)[0] != "?" for word in words) > 1:
+        raise ValueError("a line of names must have x, y, t and p, where t may end in _us or _s")
+    if stated := SIZE.fullmatch(line.strip(BETWEEN)):
+        return TextLayout("txyp", True, at + len(line), (stated[1], stated[2]), True)
+    first = head[at : at + EXAMINED]
+    lines = first[: first.rfind(b"\n") + 1] or first
+    order, seconds = ("txyp", True) if SECONDS.match(words[0]) else _guessed(lines)
+    return TextLayout(order, seconds, at, size, False)
+
+
+def looks_like(head: bytes, size: int) -> bool:
+    """Return whether a file begins, after comments, with four decimal numbers, a size, or the names of four columns."""
+    _, line, _, names = _first(head)
+    words = _words(line)
+    numbers = len(words) == 4 and all(NUMBER.fullmatch(word) for word in words)
+    return numbers or any(map(_named, (names, words))) or SIZE.fullmatch(line.strip(BETWEEN)) is not None
+
+
+def _first(head: bytes) -> tuple[int, bytes, tuple[bytes, bytes] | None, list[bytes]]:
+    """Return offset and text of the first line that isn't a comment, and the size and the names in comments before."""
     at = len(MARK) if head.startswith(MARK) else 0
-    size = None
+    size, names = None, list[bytes]()
     for line in BytesIO(head[at:]):
-        text = line.strip()
-        if text and not text.startswith(COMMENTS):
-            break
-        if found := GEOMETRY.fullmatch(text):
-            size = found[1], found[2]
+        if len(head) >= HEAD and not line.endswith(b"\n"):
+            break  # it may be cut
+        if line.startswith(COMMENTS):
+            names = _words(line[1:])
+            if found := GEOMETRY.fullmatch(line.strip()):
+                size = found[1], found[2]
+        elif line.strip():
+            return at, line, size, names
         at += len(line)
-    else:
-        return None
-    if found := SIZE.fullmatch(text):
-        return TextLayout("txyp", True, at + len(line), (found[1], found[2]))
-    words = SEPARATORS.split(text)
-    if named := _named(words):
-        order, unit = named
-        body = at + len(line)
-        fields = _fields(head[body:])[:1]
-        seconds = unit == "s" or (not unit and bool(fields) and bool(SECONDS.fullmatch(fields[0][order.index("t")])))
-        return TextLayout(order, seconds, body, size)
-    if len(words) != 4 or not all(re.fullmatch(rb"-?[\d.]+", word) for word in words):
-        return None
-    order, seconds = _guessed(_fields(head[at:]))
-    return TextLayout(order, seconds, at, size)
+    return at, b"", size, []
+
+
+def _words(line: bytes) -> list[bytes]:
+    return SEPARATORS.split(line.strip(BETWEEN), 8)
 
 
 def _named(words: list[bytes]) -> tuple[str, str] | None:
-    """Return order and unit of time ("" if it isn't stated) by the names of four columns; None for other names."""
-    order, unit = "", ""
-    for word in words:
-        name = word.decode("utf-8", "replace").strip("\"'").lower()
-        if name not in NAMES and (found := UNIT.fullmatch(name)) and NAMES.get(found[1]) == "t":
-            name, unit = found[1], found[2]
-        order += NAMES.get(name, "?")
-    return (order, unit) if sorted(order) == sorted("txyp") else None
+    """Return the order of four named columns, and the unit of time ("" if it isn't stated); None for other names."""
+    found = [_name_of(word) for word in words]
+    order = "".join(name for name, _ in found)
+    return (order, "".join(unit for _, unit in found)) if sorted(order) == sorted("txyp") else None
 
 
-def _fields(text: bytes) -> list[list[bytes]]:
-    """Return the numbers of the first complete lines of four."""
-    lines = list(islice(BytesIO(text), MOST))
-    if len(lines) > 1 and not lines[-1].endswith(b"\n"):
-        # it may be cut
-        del lines[-1]
-    fields = [SEPARATORS.split(line.strip()) for line in lines if not line.startswith(COMMENTS)]
-    numbers = (NUMBER, SECONDS)
-    return [line for line in fields if len(line) == 4 and all(any(n.fullmatch(w) for n in numbers) for w in line)]
+def _name_of(word: bytes) -> tuple[str, str]:
+    """Return what a column's name means (t, x, y, p or ?), and the unit of time in it."""
+    name = word.decode("utf-8", "replace").strip("\"'").lower()
+    if name in NAMES or len(name) > LONGEST:
+        return NAMES.get(name, "?"), ""
+    found = UNIT.fullmatch(name)
+    return ("t", "s" if found[2] == "s" else "us") if found and NAMES.get(found[1]) == "t" else ("?", "")
 
 
-def _guessed(lines: list[list[bytes]]) -> tuple[str, bool]:
-    """Return the order of numbers that explains the lines, and whether times are in s."""
-    if lines and SECONDS.fullmatch(lines[0][0]):
-        return "txyp", True
-    tried = ORDERS if len(lines) >= FEWEST else [order for order in ORDERS if order != "txyp"]
-    possible = [order for order in tried if _explained(order, lines) >= MAJORITY]
-    rising = [(_rising(order, lines), order) for order in possible]
-    # of equal shares, max returns the first
-    share, order = max(rising, key=itemgetter(0), default=(0.0, ORDERS[0]))
-    if share < MAJORITY:
-        order = (possible or ORDERS)[0]
-    return order, order == "xypt" and bool(SECONDS.fullmatch(lines[0][3]))
-
-
-def _explained(order: str, lines: list[list[bytes]]) -> float:
-    """Return the share of lines whose coordinates and polarity are in their range if the numbers have this order."""
-    whole = "xyp" if order == "xypt" else "txyp"
-    return fmean([_is_event(dict(zip(order, line, strict=True)), whole) for line in lines] or [0])
-
-
-def _is_event(field: dict[str, bytes], whole: str) -> bool:
-    if not all(NUMBER.fullmatch(field[name]) for name in whole):
+def _has_parts(lines: bytes, order: str) -> bool:
+    """Return whether any time is no whole number, and so in s."""
+    if b"." not in lines[:EXAMINED]:
         return False
-    x, y, p = (float(field[name]) for name in "xyp")
-    return 0 <= x <= FARTHEST and 0 <= y <= FARTHEST and -1 <= p <= 1
+    before = rb"[^ \t,;\r\n]+[ \t,;]+" * order.index("t")
+    return re.search(rb"(?m)^[ \t,;]*" + before + rb"-?\d+\.\d*[1-9]", lines[:EXAMINED]) is not None
 
 
-def _rising(order: str, lines: list[list[bytes]]) -> float:
-    """Return the share of times that aren't before the one of the line above if the numbers have this order."""
-    times = [float(line[order.index("t")]) for line in lines]
-    return fmean([before <= after for before, after in pairwise(times)] or [1])
+class _Reading(NamedTuple):
+    """Lines that are read in an order: their number, and the shares of times that don't fall, and that differ."""
+
+    seconds: bool
+    lines: int
+    rising: float
+    different: float
+
+    @property
+    def rises(self) -> bool:
+        return self.rising >= MAJORITY
+
+    @property
+    def has_times(self) -> bool:
+        """Whether the times are hardly coordinates, which rise by chance, but have few values."""
+        return self.rises and self.lines >= FEWEST and self.different > 0.5
+
+
+def _guessed(lines: bytes) -> tuple[str, bool]:
+    """Return the order of the numbers, and whether times are in s.
+
+    The order is x y t p if it explains the lines, unless another one has better times.
+    """
+    readings = {order: found for order in ("xytp", "txyp", "xypt") if (found := _read(lines, order))}
+    own = readings.pop("xytp", None)
+    for order, found in sorted(readings.items(), key=lambda item: -item[1].rising):
+        if own is None:
+            better = found.rises or found.lines >= FEWEST
+        else:
+            better = found.has_times and not own.has_times and found.rising > own.rising
+        if better:
+            return order, found.seconds
+    return "xytp", own is not None and own.seconds
+
+
+def _read(lines: bytes, order: str) -> _Reading | None:
+    """Read lines in an order; None if some of them can't be read so."""
+    seconds, columns = _has_parts(lines, order), Columns.empty(lines.count(b"\n") + 1)
+    kept, _, _, dropped = text_decode(np.frombuffer(lines, np.uint8), order, seconds, True, *columns)
+    if not kept or kept < MAJORITY * (kept + dropped):
+        return None
+    t = columns.t[:kept]
+    rising = float(np.mean(t[1:] >= t[:-1])) if kept > 1 else 1.0
+    return _Reading(seconds, kept, rising, np.unique(t).size / kept)

@@ -310,15 +310,11 @@ def test_a_file_that_is_not_sorted_is_x_y_t_p_if_it_can_be(tmp_path, ev):
         ("timestamp_us;x;y;p", "txyp", False),
         ("ts[us],p,y,x", "tpyx", False),
         ("x\ty\tp\tt_s", "xypt", True),
-        ("timestamp (s),x,y,p", None, None),
         ("event_timestamp,x,y,polarity", "txyp", True),
         ("\ufeffx,y,p,t", "xypt", False),
     ],
 )
 def test_names_of_columns(tmp_path, header, order, seconds):
-    if order is None:
-        assert text.looks_like(f"{header}\n1,2,3,1\n".encode(), 30) is False
-        return
     event = {"t": "1.500001" if seconds else "1500001", "x": "3", "y": "4", "p": "1"}
     line = ",".join(event[name] for name in order)
     content = f"# a comment\n% another\n{header}\n{line}\n{line}\n"
@@ -341,6 +337,137 @@ def test_metavisions_csv(tmp_path, ev):
     assert nvsdata.open(tmp_path / "a.csv").size_is_guessed
 
 
-@pytest.mark.parametrize("header", ["x,y,t", "x,y,t,t", "x,y,t,q", "x,y,t,p,label", "frame,x,y,p"])
-def test_other_names_are_no_text_of_events(header):
-    assert not text.looks_like(f"{header}\n1,2,3,1\n".encode(), 30)
+@pytest.mark.parametrize(
+    "header", ["x,y,t", "x,y,t,t", "x,y,t,q", "x,y,t,p,label", "frame,x,y,p", "t_ms,x,y,p", "Timestamp (us),x,y,p"]
+)
+@pytest.mark.parametrize("strict", [True, False])
+def test_other_names_are_refused(tmp_path, header, strict):
+    content = f"{header}\n1,2,3,1\n"
+    assert not text.looks_like(content.encode(), len(content))
+    with pytest.raises(FormatError, match="a line of names must have x, y, t and p"):
+        read(tmp_path, content, strict=strict)
+
+
+def random_events(n=300, first=0, gap=50, size=(640, 480), seed=1):
+    rng = np.random.default_rng(seed)
+    t = first + np.cumsum(rng.integers(0, gap, n))
+    return t, rng.integers(0, size[0], n), rng.integers(0, size[1], n), rng.integers(0, 2, n)
+
+
+def pixel_by_pixel(n, last, side=34):
+    """Events in the order of x, y and t, whose times are possible coordinates."""
+    rng = np.random.default_rng(2)
+    x, y, t = np.sort(rng.integers(0, side, n)), rng.integers(0, side, n), rng.integers(0, last, n)
+    at = np.lexsort((t, y, x))
+    return t[at], x[at], y[at], rng.integers(0, 2, n)
+
+
+def rows_of_frames(frames=30, each=100, side=128):
+    """Events of frames at 1 kHz, row by row."""
+    rng = np.random.default_rng(3)
+    place = np.concatenate([np.sort(rng.choice(side * side, each, False)) for _ in range(frames)])
+    return np.repeat(np.arange(frames) * 1_000, each), place % side, place // side, rng.integers(0, 2, place.size)
+
+
+T, X, Y, P = random_events()
+LATER = T + 5_000_000
+SHUFFLED = np.random.default_rng(4).permutation(T.size)
+ONE = np.ones(300, int)
+SLIGHTLY = np.array([*range(50), 51, 50, *range(52, 300)])
+# what is read rightly without names: order, and columns t, x, y, p
+UNNAMED = {
+    "x y t p": ("xytp", (T, X, Y, P)),
+    "x y t p, mixed": ("xytp", (T[SHUFFLED], X[SHUFFLED], Y[SHUFFLED], P[SHUFFLED])),
+    "x y t p, pixel by pixel": ("xytp", pixel_by_pixel(2_000, 30_000)),
+    "x y t p, an event per pixel": ("xytp", pixel_by_pixel(1_156, 20_000)),
+    "x y t p, of a pixel, two swapped": ("xytp", (T[SLIGHTLY], 7 * ONE, 9 * ONE, P[SLIGHTLY])),
+    "x y t p, ON only, at 0 and 1 µs": ("xytp", (P, X, Y, ONE)),
+    "x y t p, by frames": ("xytp", rows_of_frames()),
+    "x y t p, rising x": ("xytp", (T, np.sort(X), Y, P)),
+    "x y t p, few": ("xytp", (T[:5], X[:5], Y[:5], P[:5])),
+    "t x y p": ("txyp", (T, X, Y, P)),
+    "t x y p, 16": ("txyp", (T[:16], X[:16], Y[:16], P[:16])),
+    "t x y p, rising x": ("txyp", (T, np.sort(X), Y, P)),
+    "t x y p, later": ("txyp", (LATER, X, Y, P)),
+    "t x y p, later, one": ("txyp", (LATER[:1], X[:1], Y[:1], P[:1])),
+    "t x y p, later, mixed": ("txyp", (LATER[SHUFFLED], X[SHUFFLED], Y[SHUFFLED], P[SHUFFLED])),
+    "t x y p, later, rising y": ("txyp", (LATER, X, np.sort(Y), P)),
+    "x y p t": ("xypt", (T + 2, X, Y, P)),
+    "x y p t, one": ("xypt", (LATER[:1], X[:1], Y[:1], P[:1])),
+    "x y p t, mixed": ("xypt", (T[SHUFFLED] + 2, X[SHUFFLED], Y[SHUFFLED], P[SHUFFLED])),
+    "x y p t, 70 at once": ("xypt", (np.r_[0 * T[:70], T[70:]], X, Y, np.r_[ONE[:70], P[70:]])),
+    "x y p t, by frames": ("xypt", rows_of_frames()),
+}
+
+
+@pytest.mark.parametrize("name", UNNAMED)
+@pytest.mark.parametrize("separator", [" ", ";"])
+def test_lines_without_names(tmp_path, name, separator):
+    order, columns = UNNAMED[name]
+    found = read(tmp_path, as_lines(columns, order, separator), sensor_size=(640, 480))
+    assert rows(found.columns) == rows(columns)
+
+
+@pytest.mark.parametrize("order", ["xytp", "txyp", "xypt"])
+@pytest.mark.parametrize("first", [0, 1_600_000_000_000_000])
+def test_times_with_decimals_are_seconds(tmp_path, order, first):
+    t = np.arange(0, 60, 2) + first
+    seconds = [f"{value // 10**6}.{value % 10**6:06}" for value in t.tolist()]
+    columns = t, X[: t.size], Y[: t.size], P[: t.size]
+    shown = [seconds, *columns[1:]]
+    assert rows(read(tmp_path, as_lines(shown, order)).columns) == rows(columns)
+    # a whole first time says nothing
+    shown[0] = ["0", *seconds[1:]] if not first else seconds
+    assert rows(read(tmp_path, as_lines(shown, order)).columns) == rows(columns)
+    # named by a comment, as NumPy writes it
+    assert rows(read(tmp_path, f"# {' '.join(order)}\n{as_lines(shown, order)}").columns) == rows(columns)
+
+
+@pytest.mark.parametrize("order", ["xytp", "xypt", "txyp"])
+@pytest.mark.parametrize("named", [True, False])
+def test_decimals_that_are_zero_say_nothing(tmp_path, order, named):
+    """As pandas writes columns of floats."""
+    if order == "txyp" and not named:
+        return  # without names, a decimal point in the first number stands for seconds
+    columns = LATER, X, Y, P
+    shown = [[f"{value}.0" for value in LATER], X, Y, P]
+    header = ",".join(order) + "\n" if named else ""
+    assert rows(read(tmp_path, header + as_lines(shown, order)).columns) == rows(columns)
+
+
+def as_lines(columns, order, separator=","):
+    fields = dict(zip("txyp", (list(map(str, column)) for column in columns), strict=True))
+    lines = zip(*(fields[name] for name in order), strict=True)
+    return "".join(separator.join(line) + separator.strip() + "\n" for line in lines)
+
+
+def rows(columns):
+    """Events in the order of time, and of lines."""
+    return sorted(zip(*(np.asarray(column).tolist() for column in columns), strict=True), key=lambda event: event[0])
+
+
+@pytest.mark.parametrize("line", ["0.001 3", "0.001 3 x 1", "0.001 3 4 1 5"])
+def test_a_damaged_first_line_changes_nothing(tmp_path, line):
+    content = f"{line}\n0.001 3 4 1\n0.002 5 6 0\n"
+    assert read(tmp_path, content, strict=False).t.tolist() == [1_000, 2_000]
+    content = "nothing\n" + as_lines((LATER, X, Y, P), "xypt")
+    assert len(read(tmp_path, content, strict=False)) == 300
+
+
+def test_a_line_that_the_head_cuts_says_nothing(tmp_path):
+    for cut in range(12):
+        comment = "#" + "a" * (65_534 - 6 - cut) + "\n"
+        content = comment + "".join(f"{100 + i} 20 {i} 1\n" for i in range(500))
+        assert read(tmp_path, content).t.tolist() == list(range(500))
+
+
+def test_long_words_are_no_names(tmp_path):
+    with pytest.raises(FormatError, match="not a number"):
+        read(tmp_path, "_" * 60_000)
+
+
+def test_the_guess_is_named_in_errors(tmp_path):
+    with pytest.raises(FormatError, match=r"taken as t x y p; a first line such as t,x,y,p names them"):
+        read(tmp_path, as_lines((LATER, X, Y, P), "txyp") + "1 2 3\n")
+    with pytest.raises(FormatError, match=r"four numbers$"):
+        read(tmp_path, "x,y,p,t\n1,2,3\n")
