@@ -158,6 +158,10 @@ def make_samples(home: Path) -> dict[str, bytes]:
     samples["ecf.h5"] = metavision_bytes(ev, 50)
     lines = b"".join(b"%d,%d,%d,%d\n" % (e.x, e.y, e.p, e.t) for e in ev.to_structured().view(np.recarray))
     samples["metavision.csv"] = b"%geometry:128,128\n" + lines
+    for name, save in (("a.npz", np.savez), ("zip.npz", np.savez_compressed)):
+        archive = io.BytesIO()
+        save(archive, **ev.columns._asdict())
+        samples[name] = archive.getvalue()
     samples["names.csv"] = b"x,y,polarity,timestamp_us\n" + lines
     columns = {"ts": ev.t, "x": ev.x, "y": ev.y, "pol": ev.p}
     samples |= {f"times-{kind}{suffix}": b"" for kind, (suffix, *_) in KINDS.items()}

@@ -8,6 +8,7 @@ Times with fractions are in seconds, integers in µs. Polarity may be 0/1 or -1/
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,8 @@ class NpyRecording(RecordFile):
     block = 4096
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
-        shape, self._transposed, self._kind, end = _header(path, head)
+        shape, self._transposed, self._kind, end = header_of(path, head)
+        check_events(path, shape, self._kind)
         self.record_size = self._kind.itemsize * (shape[1] if len(shape) == 2 else 1)
         contents = Contents(path, head)
         super().__init__(contents, sensor_size, strict, end)
@@ -49,9 +51,8 @@ class NpyRecording(RecordFile):
         contents.head = head
         first = self._array(0, min(self.records, self.block))
         contents.drop_head()
-        self._fields = _fields(path, first)
-        t = self._column(first, "t")
-        self._scale = MICROSECONDS if t.dtype.kind == "f" and (t != np.rint(t)).any() else 1
+        self._fields = fields_of(path, first)
+        self._scale = time_scale(self._column(first, "t"))
 
     def _array(self, lo: int, hi: int) -> np.ndarray:
         """Return records lo..hi, [N] with fields or [N, 4]."""
@@ -66,8 +67,7 @@ class NpyRecording(RecordFile):
         return array if self._kind.fields else array.reshape(-1, 4)
 
     def _column(self, array: np.ndarray, name: str) -> np.ndarray:
-        field = self._fields[name]
-        return array[field] if isinstance(field, str) else array[:, field]
+        return column_of(array, self._fields[name])
 
     def _index(self) -> Blocks:
         size = self._kind.itemsize
@@ -98,15 +98,25 @@ class NpyRecording(RecordFile):
         return columns
 
     def _times(self, column: np.ndarray) -> np.ndarray:
-        if self._scale == 1:
-            return as_integers(self.path, "column 't'", column).astype(np.int64)
-        if not (np.abs(column) < LATEST / self._scale).all():
-            raise FormatError(self.path, "has times that are not numbers, or beyond 2^62 µs")
-        # float32 has too few digits for µs
-        return np.rint(column.astype(np.float64) * self._scale).astype(np.int64)
+        return times_of(self.path, column, self._scale)
 
 
-def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
+def time_scale(t: np.ndarray) -> int:
+    """Return the factor from times to µs: times with fractions are in s."""
+    return MICROSECONDS if t.dtype.kind == "f" and (t != np.rint(t)).any() else 1
+
+
+def times_of(path: str, t: np.ndarray, scale: int) -> np.ndarray:
+    """Return times in µs, int64. FormatError if they aren't numbers, or beyond 2^62 µs."""
+    if scale == 1:
+        return as_integers(path, "column 't'", t).astype(np.int64)
+    if not (np.abs(t) < LATEST / scale).all():
+        raise FormatError(path, "has times that are not numbers, or beyond 2^62 µs")
+    # float32 has too few digits for µs
+    return np.rint(t.astype(np.float64) * scale).astype(np.int64)
+
+
+def header_of(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
     """Return an array's shape, whether its columns are stored one after the other, its type, and the data's offset."""
     file = io.BytesIO(head)
     try:
@@ -118,30 +128,43 @@ def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any
     numbers = [field[0] for field in kind.fields.values()] if kind.fields else [kind]
     if any(number.kind not in "biuf" for number in numbers):
         raise FormatError(path, f"an array of {kind}, not of numbers", offset=0)
-    if not (len(shape) == 1 and kind.fields) and not (len(shape) == 2 and shape[1] == 4 and not kind.fields):
-        raise FormatError(
-            path, f"an array of shape {shape}; events are [N] with fields t, x, y, p, or [N, 4]", offset=0
-        )
-    if not 0 <= shape[0] < 2**48:
+    if not shape or not all(0 <= side < 2**48 for side in shape):
         raise FormatError(path, f"an array of shape {shape}", offset=0)
     return shape, transposed and len(shape) == 2, kind, file.tell()
 
 
-def _fields(path: str, array: np.ndarray) -> dict[str, str | int]:
+def check_events(path: str, shape: tuple[int, ...], kind: np.dtype[Any]) -> None:
+    """Raise FormatError unless an array of this shape can have events."""
+    if not (len(shape) == 1 and kind.fields) and not (len(shape) == 2 and shape[1] == 4 and not kind.fields):
+        raise FormatError(
+            path, f"an array of shape {shape}; events are [N] with fields t, x, y, p, or [N, 4]", offset=0
+        )
+
+
+def column_of(array: np.ndarray, field: str | int) -> np.ndarray:
+    """Return a column of records, or of an array [N, 4]."""
+    return array[field] if isinstance(field, str) else array[:, field]
+
+
+def fields_of(path: str, array: np.ndarray) -> dict[str, str | int]:
     """Return field names or column numbers of t, x, y and p, found from the first records."""
     if array.dtype.names is None:
         for names in ("xytp", "xypt"):
             if np.isin(array[:, names.index("p")], POLARITIES).all():
                 return {name: k for k, name in enumerate(names)}
         raise FormatError(path, "neither the third nor the fourth column contains only polarities (-1, 0 or 1)")
-    given = {name.lower(): name for name in array.dtype.names}
-    found: dict[str, str | int] = {}
-    for name, known in NAMES.items():
-        field = next((given[key] for key in known if key in given), None)
-        if field is None:
+    found = named(array.dtype.names)
+    for name in NAMES:
+        if name not in found:
             raise FormatError(path, f"no field {name!r}; the array has {list(array.dtype.names)}")
-        found[name] = field
-    return found
+    return {**found}
+
+
+def named(given: Iterable[str]) -> dict[str, str]:
+    """Return which of the given names are those of t, x, y and p."""
+    lower = {name.lower(): name for name in given}
+    found = {name: next((lower[key] for key in known if key in lower), None) for name, known in NAMES.items()}
+    return {name: field for name, field in found.items() if field is not None}
 
 
 def write(pieces: Pieces, path: Path) -> None:

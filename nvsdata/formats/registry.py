@@ -78,6 +78,7 @@ BUILT_IN = (
     "nvsdata.formats.dat:FORMAT",
     "nvsdata.formats.matlab:FORMAT",
     "nvsdata.formats.npy:FORMAT",
+    "nvsdata.formats.npz:FORMAT",
     "nvsdata.formats.text:FORMAT",
     "nvsdata.formats.atis:FORMAT",
 )
