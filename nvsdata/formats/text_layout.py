@@ -123,8 +123,8 @@ def _has_parts(lines: bytes, order: str) -> bool:
     return re.search(rb"(?m)^[ \t,;]*" + before + rb"-?\d+\.\d*[1-9]", lines[:EXAMINED]) is not None
 
 
-class _Reading(NamedTuple):
-    """Lines that are read in an order: their number, and the shares of times that don't fall, and that differ."""
+class _Trial(NamedTuple):
+    """Lines read in an order on trial: their number, and the shares of times that don't fall, and that differ."""
 
     seconds: bool
     lines: int
@@ -158,7 +158,7 @@ def _guessed(lines: bytes) -> tuple[str, bool]:
     return "xytp", own is not None and own.seconds
 
 
-def _read(lines: bytes, order: str) -> _Reading | None:
+def _read(lines: bytes, order: str) -> _Trial | None:
     """Read lines in an order; None if some of them can't be read so."""
     seconds, columns = _has_parts(lines, order), Columns.empty(lines.count(b"\n") + 1)
     kept, _, _, dropped = text_decode(np.frombuffer(lines, np.uint8), order, seconds, True, *columns)
@@ -166,4 +166,4 @@ def _read(lines: bytes, order: str) -> _Reading | None:
         return None
     t = columns.t[:kept]
     rising = float(np.mean(t[1:] >= t[:-1])) if kept > 1 else 1.0
-    return _Reading(seconds, kept, rising, np.unique(t).size / kept)
+    return _Trial(seconds, kept, rising, np.unique(t).size / kept)

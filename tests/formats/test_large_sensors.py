@@ -1,6 +1,7 @@
 """Sensors of 346x260 and 1280x720 in every format: read and written whole, or refused."""
 
 import struct
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -39,6 +40,12 @@ def bag_bytes(way):
     return made
 
 
+def npz_bytes(ev):
+    file = BytesIO()
+    np.savez(file, **ev.columns._asdict())
+    return file.getvalue()
+
+
 # sensors that files of a format can't hold; the largest that it does hold is in its description
 TOO_LARGE = {"atis": LARGE, "aedat1": LARGE, "aedat2": ((1280, 720),)}
 # formats that are only read, as others write them
@@ -51,6 +58,7 @@ MADE = {
     ],
     "evt3": [lambda ev: evt3_bytes(ev, b"%% evt 3.0\n%% geometry %dx%d\n%% end\n" % ev.sensor_size)],
     "matlab": [matlab_bytes],
+    "npz": [npz_bytes],
     "rosbag": [bag_bytes("bag")],
     "rosbag2": [bag_bytes("mcap")],
 }
