@@ -149,7 +149,9 @@ def test_another_shard_in_its_place_is_noticed(server, home):
 def test_a_changed_store_is_not_mixed_with_the_earlier_one(server, home, tmp_path):
     before = NMNIST(f"{server.url}/a.nvs", "all")
     first = before[0][0]
-    other = trees.put(tmp_path / "other", {k: trees.atis(trees.some(hash(k) % 99)) for k in trees.nmnist()})
+    other = trees.put(
+        tmp_path / "other", {name: trees.atis(trees.some(1_000 + n)) for n, name in enumerate(trees.nmnist())}
+    )
     pack(NMNIST(other, "all"), home / "a.nvs", overwrite=True)
     after = NMNIST(f"{server.url}/a.nvs", "all")
     assert same(after, NMNIST(home / "a.nvs", "all"))
