@@ -36,10 +36,8 @@ def main() -> None:
     everything = dataset_named(args.dataset)(args.root, "all")
     groups = divided(everything.targets, args.groups or len(everything))
     first, last = args.folds or (0, len(groups))
-    log, head = (
-        args.out / "log.jsonl",
-        {"protocol": repr(protocol), "groups": len(groups), "data": everything.split_hash},
-    )
+    log = args.out / "log.jsonl"
+    head = {"protocol": repr(protocol), "groups": len(groups), "data": everything.split_hash}
     head |= {"epochs": args.epochs, "seed": args.seed, "votes": args.votes}
     with team(args.device) as here, here.claiming(args.out), ExitStack() as stack:
         if here.rank == 0 and not args.resume:

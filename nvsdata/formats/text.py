@@ -91,11 +91,11 @@ class TextRecording(FileRecording):
             raw, self._layout.order, self._layout.seconds, not self.strict, *columns
         )
         if fault:
-            order = " ".join(self._layout.order)
-            taken = (
-                "" if self._layout.stated else f" (lines are taken as {order}; a first line such as t,x,y,p names them)"
-            )
-            raise FormatError(self.path, FAULTS[fault] + taken, offset=start + where)
+            reason = FAULTS[fault]
+            if not self._layout.stated:
+                order = " ".join(self._layout.order)
+                reason += f" (lines are taken as {order}; a first line such as t,x,y,p names them)"
+            raise FormatError(self.path, reason, offset=start + where)
         return columns.first(kept), dropped
 
     def decode_window(self, start: int, stop: int) -> Columns | None:

@@ -1,4 +1,4 @@
-"""What the numbers in the lines of a text are: by a line of names, or by the first lines of numbers."""
+"""The order and units of the numbers in lines of text, by a line of names or by the first lines of numbers."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class _Trial(NamedTuple):
 
     @property
     def has_times(self) -> bool:
-        """Whether the times are hardly coordinates, which rise by chance, but have few values."""
+        """True if the times are hardly coordinates, which rise by chance, but have few values."""
         return self.rises and self.lines >= FEWEST and self.different > 0.5
 
 
@@ -146,9 +146,9 @@ def _guessed(lines: bytes) -> tuple[str, bool]:
 
     The order is x y t p if it explains the lines, unless another one has better times.
     """
-    readings = {order: found for order in ("xytp", "txyp", "xypt") if (found := _read(lines, order))}
-    own = readings.pop("xytp", None)
-    for order, found in sorted(readings.items(), key=lambda item: -item[1].rising):
+    trials = {order: found for order in ("xytp", "txyp", "xypt") if (found := _read(lines, order))}
+    own = trials.pop("xytp", None)
+    for order, found in sorted(trials.items(), key=lambda item: -item[1].rising):
         if own is None:
             better = found.rises or found.lines >= FEWEST
         else:

@@ -105,7 +105,7 @@ def repeated(url: Url, act: Callable[[Any, str], T], size: int = 0, until: float
         OSError, ValueError, ImportError: see `read_range`.
     """
     until = time.monotonic() + DEADLINE if until is None else until
-    told = time.monotonic() + LONG
+    reported = time.monotonic() + LONG
     pause, patience, wrong, reason = PAUSE, SILENCE + size / SLOWEST, 0, ""
     while True:
         try:
@@ -120,8 +120,8 @@ def repeated(url: Url, act: Callable[[Any, str], T], size: int = 0, until: float
                 late = f"no success within {DEADLINE:g} s: {reason}"
                 # a TimeoutError
                 raise OSError(errno.ETIMEDOUT, late, str(url)) from None
-            if time.monotonic() + wait >= told:
-                told = until
+            if time.monotonic() + wait >= reported:
+                reported = until
                 left = until - time.monotonic()
                 log.warning("%s: %s; trying again, up to %.0f s", shown(url), shown(reason), left)
         time.sleep(wait)

@@ -79,7 +79,7 @@ def test_letters_are_drawn_in_many_ways(recipe, monkeypatch):
 
 
 def _parts(mask):
-    """How many connected parts the mask has."""
+    """The number of connected parts of the mask."""
     return cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)[0] - 1
 
 

@@ -80,20 +80,20 @@ def messages(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize(("failures", "told"), [(2, 0), (3, 1), (9, 1)])
-def test_trouble_that_lasts_is_told_once(server, pauses, messages, monkeypatch, failures, told):
+@pytest.mark.parametrize(("failures", "reported"), [(2, 0), (3, 1), (9, 1)])
+def test_trouble_that_lasts_is_reported_once(server, pauses, messages, monkeypatch, failures, reported):
     # pauses of 6, 10, 10 ... s; a busy computer adds less than to the next one
     monkeypatch.setattr(transport, "PAUSE", 6.0)
     monkeypatch.setattr(transport, "LONG", 25.0)
     monkeypatch.setattr(transport.random, "uniform", lambda low, high: (low + high) / 2)
     server.faults = first(*["503"] * failures)
     read_range(url(server), 0, 10)
-    assert len(messages) == told
+    assert len(messages) == reported
     for message in messages:
         assert re.fullmatch(rf"{re.escape(str(url(server)))}: .*503.*; trying again, up to \d+ s", message)
 
 
-def test_silence_is_told_after_the_first_try(server, pauses, messages, monkeypatch):
+def test_silence_is_reported_after_the_first_try(server, pauses, messages, monkeypatch):
     monkeypatch.setattr(transport, "SILENCE", 0.2)
     monkeypatch.setattr(transport, "LONG", 0.1)
     server.faults = first("delay")
@@ -102,7 +102,7 @@ def test_silence_is_told_after_the_first_try(server, pauses, messages, monkeypat
     assert "no answer for 0.2 s" in messages[0]
 
 
-def test_what_is_told_is_safe_for_a_terminal(pauses, messages, monkeypatch):
+def test_what_is_reported_is_safe_for_a_terminal(pauses, messages, monkeypatch):
     monkeypatch.setattr(transport, "LONG", 0.0)
     errors = iter([OSError("\x1b[31m of a server")])
 
@@ -114,7 +114,7 @@ def test_what_is_told_is_safe_for_a_terminal(pauses, messages, monkeypatch):
     assert re.fullmatch(r"http://localhost/\\x1b\.nvs: \\x1b\[31m of a server \(OSError\); .*", *messages)
 
 
-def test_a_long_pause_that_the_server_asks_for_is_told(server, pauses, messages):
+def test_a_long_pause_that_the_server_asks_for_is_reported(server, pauses, messages):
     server.faults, server.retry_after = first("busy"), "17"
     read_range(url(server), 0, 10)
     assert len(messages) == 1

@@ -122,7 +122,7 @@ def damaged(fake_nmnist):
 
 
 def same(one, two):
-    """Whether nested tuples of tensors and numbers are equal to the last bit."""
+    """True if nested tuples of tensors and numbers are equal to the last bit."""
     if isinstance(one, torch.Tensor):
         return one.dtype == two.dtype and torch.equal(one, two)
     return len(one) == len(two) and all(map(same, one, two)) if isinstance(one, tuple) else one == two

@@ -5,6 +5,15 @@ import trees
 from storefiles import packed
 
 from nvsdata import join
+from nvsdata.remote import file, transport
+
+
+@pytest.fixture
+def empty_cache(tmp_path, monkeypatch):
+    """An empty cache of remote blocks, and pauses of a millisecond."""
+    monkeypatch.setenv("NVSDATA_BLOCKS", str(tmp_path / "blocks"))
+    monkeypatch.setattr(file, "_process", None)
+    monkeypatch.setattr(transport, "PAUSE", 0.001)
 
 
 @pytest.fixture

@@ -23,17 +23,14 @@ from nvsdata.datasets.store.fetching import fetch
 from nvsdata.datasets.store.precompute import precompute
 from nvsdata.datasets.store.pushing import Pushed, push
 from nvsdata.datasets.store.writer import pack
-from nvsdata.remote import file, transport
+from nvsdata.remote import transport
 from nvsdata.remote.url import Url
 
 SHARDS = ["b c-1-of-2.nvs", "b c-2-of-2.nvs", "b c.nvs"]
 
 
 @pytest.fixture(autouse=True)
-def _cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("NVSDATA_BLOCKS", str(tmp_path / "blocks"))
-    monkeypatch.setattr(file, "_process", None)
-    monkeypatch.setattr(transport, "PAUSE", 0.001)
+def _small(empty_cache, monkeypatch):
     monkeypatch.setattr(fetching, "CHUNK", 5000)
 
 

@@ -20,12 +20,9 @@ from nvsdata.remote.url import Url
 
 
 @pytest.fixture(autouse=True)
-def _small(tmp_path, monkeypatch):
-    monkeypatch.setenv("NVSDATA_BLOCKS", str(tmp_path / "blocks"))
-    monkeypatch.setattr(file, "_process", None)
+def _small(empty_cache, monkeypatch):
     monkeypatch.setattr(file, "BLOCK", 4096)
     monkeypatch.setattr(blocks, "PIECE", 1024)
-    monkeypatch.setattr(transport, "PAUSE", 0.001)
 
 
 @pytest.fixture
